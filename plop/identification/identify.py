@@ -10,7 +10,7 @@ import numpy as np
 
 from plop.comparison.engine_run import predict_points, start_particles
 from plop.errors import PlopError
-from plop.identification.first_guess import likeliest_draw
+from plop.identification.first_guess import best_start
 from plop.identification.tracked_case import SlopeCase, TrackedCase
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.gauss_newton import Calibration, calibrate
@@ -74,7 +74,7 @@ def identify(
     coarser = replace(start, spacing_m=COARSER * start.spacing_m)
     slopes: list[Any] = [SlopeCase(episode, coarser) for episode in episodes]
     prior = Posterior.around(start.material, names)
-    guess, runs = likeliest_draw(slopes, start.material, prior, jobs)
+    guess, runs = best_start(slopes, start.material, prior, iterations, jobs)
     found = calibrate(
         cases,
         guess,

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 
-from plop.diagnosis.evidence.contrast import FREEDOM, Products, own_amounts, roots
+from plop.diagnosis.evidence.contrast import Products, own_amounts, roots
 from plop.diagnosis.evidence.discrepancy import SPREAD, Field, inducing_features, path_distances
 from plop.diagnosis.evidence.evidence import PATH_STEPS, Evidence
 from plop.diagnosis.evidence.noise import Scales, repeats_of
 from plop.diagnosis.scores.calibration import LEAST, ByChance, between_repeats, chance, ways_to_deal
 from plop.diagnosis.scores.unknown import Unknown
+from plop.statistics.heavy_tails import FREEDOM
 
 FRAMES, PATCHES, EPISODES = 12, 20, 5
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from plop.diagnosis.evidence.contrast import FREEDOM
 from plop.diagnosis.scores.calibration import chance as share_of
 from plop.diagnosis.scores.calibration import ways_to_deal
 from plop.diagnosis.scores.misfit import differences, misfits, outlying
+from plop.statistics.heavy_tails import FREEDOM
 
 HERE = np.repeat([True, False], 6)
 KINDS = ["push", "press"] * 6

@@ -80,6 +80,22 @@ def test_weighted_squares_have_the_gradient_of_the_log_density():
     np.testing.assert_allclose(gradient, [(cost(s) - cost(-s)) / 2e-4 for s in steps], rtol=1e-4)
 
 
+def test_one_episode_that_goes_wrong_counts_little_and_many_count():
+    """Between the sum of squares, which one episode decides, and the sum of logarithms, to which any slip is cheap."""
+    prior = Posterior.around(Material(), ("table_friction",))
+
+    def cost(*errors_mm):
+        return prior.cost(prior.center, np.square(1e-3 * np.array(errors_mm)))
+
+    assert cost(0.3, 0.3, 0.3, 0.3, 0.3, 2.0) < cost(0.7, 0.7, 0.7, 0.7, 0.7, 0.7)
+    assert cost(0.4, 0.4, 0.4, 0.4, 0.7, 0.7) < cost(0.4, 0.25, 0.4, 0.4, 0.4, 1.7)
+    twice = prior.cost(prior.center, np.square([2e-3, 4e-3, 8e-3])) - prior.cost(
+        prior.center, np.square([1e-3, 2e-3, 4e-3])
+    )
+    assert twice == pytest.approx(9 * np.log(2), rel=1e-3), "the scale is free"
+    assert prior.cost(prior.center, np.array([1e-6, np.inf])) == np.inf
+
+
 def test_of_two_fits_that_are_as_good_the_one_nearer_to_the_initial_value_is_likelier():
     prior = Posterior.around(Material(damping_per_s=2.0), ("damping_per_s",))
     assert prior.cost(np.array([3.0]), np.full(4, 1e-6)) < prior.cost(np.array([9.0]), np.full(4, 1e-6))

@@ -16,9 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FREEDOM = 4.0
-"""Degrees of freedom of noise and of what an episode is off by: few enough for a part that breaks loose, and for one
-motion that goes wrong; the variance is finite."""
+from plop.statistics.heavy_tails import FREEDOM
+
 _SINGULAR = 1e-9
 _ROUNDS = 5
 """In which a mean amount and the spread around it are found from each other."""

@@ -19,9 +19,9 @@ from itertools import product
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from plop.diagnosis.evidence.contrast import FREEDOM
 from plop.diagnosis.evidence.evidence import Evidence
 from plop.diagnosis.rule import RULE
+from plop.statistics.heavy_tails import FREEDOM
 
 _SAME_MOTION = 0.02
 """Distance of tool paths up to which a motion is repeated [object sizes]: what the base misses keeps its values over

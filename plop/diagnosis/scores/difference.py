@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.evidence.contrast import FREEDOM
 from plop.diagnosis.evidence.description import Description, describe
 from plop.diagnosis.evidence.discrepancy import Field, Spread, missed2
 from plop.diagnosis.evidence.evidence import Evidence
 from plop.diagnosis.scores.calibration import chance
 from plop.diagnosis.scores.misfit import differences, misfits, outlying
 from plop.diagnosis.scores.unknown import Unknown
+from plop.statistics.heavy_tails import FREEDOM
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,6 +88,41 @@ def calibrate(
     return fit.run(iterations, progress)
 
 
+def minimum_near(
+    cases: Sequence[Case], start: Material, posterior: Posterior, config: EngineConfig, iterations: int
+) -> tuple[float, Material, int]:
+    """Go downhill from a start, without intervals; its cost where the engine is unstable is infinite.
+
+    Args:
+        cases: Episodes.
+        start: Where to begin, and what is not fitted.
+        posterior: What is minimised.
+        config: As for `calibrate`.
+        iterations: Largest number of Gauss-Newton steps.
+
+    Returns:
+        Cost, parameters, and the number of episodes simulated.
+    """
+    fit = _Fit(cases, cases, start, posterior, config, jobs=1)
+    try:
+        end = fit.descend(iterations, None)
+    except PlopError:  # unstable: the fit says so if all starts are
+        return np.inf, start, fit.rollouts
+    return fit.cost(end.point, end.residual), posterior.material(start, end.point), fit.rollouts
+
+
+@dataclass(frozen=True)
+class _End:
+    """Where a descent ended."""
+
+    point: np.ndarray
+    residual: list[np.ndarray]
+    jacobian: list[list[np.ndarray]] | None
+    """Derivatives by differences at this very point; None where they were corrected since."""
+    first_rms_m: float
+    steps: int
+
+
 class _Fit:
     """The running fit; coordinates are `Parameter.encode` of the values."""
 
@@ -116,6 +151,19 @@ class _Fit:
         return [flat[k * count : (k + 1) * count] for k in range(len(points))]
 
     def run(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> Calibration:
+        end = self.descend(iterations, progress)
+        jacobian = end.jacobian or self.jacobian(end.point, end.residual)
+        return Calibration(
+            self.posterior.material(self.start, end.point),
+            intervals(self.parameters, end.point, *weighed(jacobian, end.residual)),
+            end.first_rms_m,
+            _rms(end.residual),
+            np.sqrt(mean_squares(end.residual)).tolist(),
+            end.steps,
+            self.rollouts,
+        )
+
+    def descend(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> _End:
         here = self.posterior.coordinates(self.start)
         residual = self.residuals([here])[0]
         jacobian, fresh = self.jacobian(here, residual), True
@@ -137,16 +185,7 @@ class _Fit:
                 progress(done, iterations, _rms(residual))
             if gain < _GAIN:
                 break
-        jacobian = jacobian if fresh else self.jacobian(here, residual)
-        return Calibration(
-            self.posterior.material(self.start, here),
-            intervals(self.parameters, here, *weighed(jacobian, residual)),
-            before,
-            _rms(residual),
-            np.sqrt(mean_squares(residual)).tolist(),
-            done,
-            self.rollouts,
-        )
+        return _End(here, residual, jacobian if fresh else None, before, done)
 
     def cost(self, here: np.ndarray, residual: list[np.ndarray]) -> float:
         return self.posterior.cost(here, mean_squares(residual))

@@ -1,13 +1,14 @@
 """How likely parameters are: episodes of unknown errors, and a weak prior around the initial values.
 
 What an engine misses differs from episode to episode: a drag in which the object sticks or slips by a hair may be off
-by ten times what a press is. With an unknown variance of its own for each, the log likelihood is, but for its sign,
+by more than a press is. With Student's t for the error of an episode (n values, nu degrees of freedom) and a scale s
+that is common to all, and the likeliest, the log likelihood is, but for its sign,
 
-    sum over episodes of n/2 log(mean squared distance + floor)        (Bard, Nonlinear Parameter Estimation, 1974, 4-9)
+    sum over episodes of (nu + n)/2 log(1 + n m / (nu s^2)) + n/2 log(s^2),    m = mean squared distance + floor
 
-so that each counts in proportion to how well it can be followed. n is the number of independent values of an episode.
-Errors of its patches and frames rise and fall together, so it counts as one displacement: n = 3. A parameter that the
-recordings do not determine stays near its initial value.
+(Lange, Little and Taylor, JASA 84, 1989). n is the number of independent values of an episode. Errors of its patches
+and frames rise and fall together, so it counts as one displacement: n = 3. A parameter that the recordings do not
+determine stays near its initial value.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from plop.parameters import Parameter
 from plop.physics.calibration.material_parameters import PARAMETERS
 from plop.physics.engine.material import Material
+from plop.statistics.heavy_tails import FREEDOM
 
 _VALUES = 3
 """Independent values in an episode."""
@@ -71,10 +74,15 @@ class Posterior:
 
         Args:
             coordinates: [P].
-            squares: Mean squared distance in every episode, [E] [m^2].
+            squares: Mean squared distance in every episode, [E] [m^2]; infinite where the engine is unstable.
         """
+        if np.isinf(squares).any():
+            return float("inf")
         off = (coordinates - self.center) / self.deviations
-        return float(_VALUES / 2 * np.log(squares + _FLOOR_M**2).sum() + off @ off / 2)
+        own = squares + _FLOOR_M**2
+        common = _common(own)
+        unlikely = (FREEDOM + _VALUES) / 2 * np.log1p(_VALUES * own / (FREEDOM * common))
+        return float(unlikely.sum() + _VALUES / 2 * len(own) * np.log(common) + off @ off / 2)
 
 
 def _coordinates(parameters: list[Parameter], material: Material) -> np.ndarray:
@@ -92,7 +100,25 @@ def roots_of_weights(residual: Sequence[np.ndarray]) -> np.ndarray:
     With it half the weighted squares have the gradient of the log likelihood.
     """
     counts = np.array([_measured(r) for r in residual])
-    return np.asarray(np.sqrt(_VALUES / (counts * (mean_squares(residual) + _FLOOR_M**2))))
+    own = mean_squares(residual) + _FLOOR_M**2
+    return np.asarray(np.sqrt(_VALUES * _precisions(own, _common(own)) / counts))
+
+
+def _common(squares: np.ndarray) -> float:
+    """Find the likeliest scale of all episodes, squared: with it their mean weighted square is 1."""
+    low, high = np.log(squares.min()), np.log(squares.max())
+    if high - low < 1e-9:
+        return float(squares.mean())
+
+    def excess(log_scale: float) -> float:
+        return float((_precisions(squares, np.exp(log_scale)) * squares).mean() - 1)
+
+    return float(np.exp(brentq(excess, low, high)))
+
+
+def _precisions(squares: np.ndarray, common: float) -> np.ndarray:
+    """Weights of iteratively reweighted least squares, [E] [1/m^2]."""
+    return np.asarray((FREEDOM + _VALUES) / (FREEDOM * common + _VALUES * squares))
 
 
 def _measured(residual: np.ndarray) -> int:
