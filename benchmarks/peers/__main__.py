@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> None:
             )
         folds, seeds = tuple(options.folds), tuple(options.seeds)
         plans = [
-            ParticlePlan(options.data, environment, folds, seeds, options.seconds, options.device)
+            ParticlePlan(options.data, environment, folds, seeds, options.seconds, options.device, options.horizon)
             for environment in options.env or ["FluidFall"]
         ]
         carry_out(plans, options.work, options.jobs)
@@ -176,6 +176,7 @@ def parsed(words: list[str] | None = None) -> argparse.Namespace:
     making.add_argument("--no-engine", action="store_true", help="pipeline: without the rivals that need an engine")
     making.add_argument("--folds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="particles: rollouts that test")
     making.add_argument("--seconds", type=float, default=300, help="particles: CPU or GPU time of one training")
+    making.add_argument("--horizon", type=int, default=8, help="particles: frames of an open loop in training")
     making.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="particles, scaling")
     making.add_argument("--jobs", type=int, default=1, help="particles: trainings at the same time")
     making.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="scaling: numbers of particles")

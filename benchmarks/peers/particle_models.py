@@ -96,22 +96,41 @@ class OnAll(nn.Module):
 MODELS: dict[str, Callable[[Units], nn.Module]] = {"i2n": OnGrid, "dpi-net": OnGraph, "transformer": OnAll}
 
 
-def stepped(
-    network: nn.Module, units: Units, rollout: ParticleRollout, frame: int, pair: tuple[Tensor, Tensor]
-) -> Tensor:
-    """Predict the positions one frame later, [N, 3] [m], from `pair`: those now and one frame earlier."""
-    now, before = pair
-    features = rollout.features(frame, now, before, units.motion_m)
-    moved = 2 * now - before + network([now], [features])[0] * units.change_m
-    return moved if rollout.rigid == 0 else _kept_rigid(rollout, moved)
+@dataclass(frozen=True)
+class Moment:
+    """A rollout at a frame: where the particles are, true or predicted."""
+
+    rollout: ParticleRollout
+    frame: int
+    now: Tensor
+    """Positions, shape [N, 3] [m]."""
+    before: Tensor
+    """Positions one frame earlier."""
+
+
+def stepped(network: nn.Module, units: Units, moments: list[Moment]) -> list[Moment]:
+    """Predict one frame of some rollouts at once."""
+    features = [each.rollout.features(each.frame, each.now, each.before, units.motion_m) for each in moments]
+    changes = network([each.now for each in moments], features)
+    return [
+        Moment(each.rollout, each.frame + 1, _kept_rigid(each.rollout, _moved(each, change, units)), each.now)
+        for each, change in zip(moments, changes, strict=True)
+    ]
+
+
+def _moved(moment: Moment, change: Tensor, units: Units) -> Tensor:
+    return 2 * moment.now - moment.before + change * units.change_m
 
 
 def _kept_rigid(rollout: ParticleRollout, moved: Tensor) -> Tensor:
-    """Replace the motion of the rigid body by the best rigid one, as DPI-Net does."""
-    shape, after = (each[: rollout.rigid].double().cpu().numpy() for each in (rollout.positions[0], moved))
+    """Replace the motion of the rigid body by the best rigid one, as DPI-Net does; the gradient is that of `moved`."""
+    if rollout.rigid == 0:
+        return moved
+    shape, after = (each[: rollout.rigid].detach().double().cpu().numpy() for each in (rollout.positions[0], moved))
     pose = torch.from_numpy(kabsch(shape, after)).to(moved)
     body = rollout.positions[0, : rollout.rigid] @ pose[:3, :3].T + pose[:3, 3]
-    return torch.cat([body, moved[rollout.rigid :]])
+    straight = moved[: rollout.rigid] + (body - moved[: rollout.rigid]).detach()
+    return torch.cat([straight, moved[rollout.rigid :]])
 
 
 @torch.no_grad()
@@ -119,7 +138,7 @@ def open_loop(network: nn.Module, units: Units, rollout: ParticleRollout) -> Ten
     """Roll out from frames 0 and 1 on, shape [T, N, 3] [m]; a particle that flies off stays at a finite distance."""
     states = [rollout.positions[0], rollout.positions[1]]
     for frame in range(1, len(rollout) - 1):
-        after = stepped(network, units, rollout, frame, (states[-1], states[-2]))
+        after = stepped(network, units, [Moment(rollout, frame, states[-1], states[-2])])[0].now
         low, high = (states[-1] - 3 * units.length_m, states[-1] + 3 * units.length_m)
         after = torch.nan_to_num(after).clamp(low, high)
         middle, most = rollout.positions[0].mean(0), 2 * units.length_m

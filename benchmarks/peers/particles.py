@@ -1,8 +1,8 @@
 """Table IV: dynamics of bare particles, one rollout left out.
 
 For each fold k: rollout k tests, rollout k + 1 chooses the checkpoint, the others train. Every network trains for the
-same time (of the CPU; of the clock on a GPU) with the same objective: one step from two true frames that random noise
-has moved.
+same time (of the CPU; of the clock on a GPU) with the same objective: the open loop over a few frames, from two true
+frames of which random noise has moved the second.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from joblib import Parallel, delayed
 from torch import Tensor, nn
 
 from benchmarks.peers.particle_data import SAME_SCENE, ParticleRollout, read_rollouts
-from benchmarks.peers.particle_models import MODELS, Units, open_loop
+from benchmarks.peers.particle_models import MODELS, Moment, Units, open_loop, stepped
 from benchmarks.peers.particle_rivals import rivals
 from plop.artifacts.atomic_file import write_json
 from stages.train.optimise import averaged_model
@@ -37,7 +37,10 @@ class ParticlePlan:
     seconds: float
     """CPU time of one training, without the validation rollouts; on a GPU its wall time."""
     device: str = "cpu"
-    batch: int = 4
+    horizon: int = 8
+    """Frames of an open loop in training; its gradient goes through all of them."""
+    batch: int = 1
+    """Open loops in a training step."""
     learning_rate: float = 1e-3
     noise: float = 0.5
     """Standard deviation of the noise on the earlier displacement, in units of its typical change."""
@@ -124,7 +127,7 @@ def split(
 def _row(work: Path, plan: ParticlePlan, name: str, fold: int, seed: int) -> Path:
     folder = work / "rows"
     folder.mkdir(parents=True, exist_ok=True)
-    return folder / f"{plan.environment}-{plan.device}-{plan.seconds:g}s-{name}-{fold}-{seed}.json"
+    return folder / f"{plan.environment}-{plan.device}-{plan.seconds:g}s-{plan.horizon}-{name}-{fold}-{seed}.json"
 
 
 def _facts(plan: ParticlePlan, name: str, fold: int, seed: int, test: ParticleRollout) -> dict[str, Any]:
@@ -135,6 +138,7 @@ def _facts(plan: ParticlePlan, name: str, fold: int, seed: int, test: ParticleRo
         "seed": seed,
         "test": test.name,
         "seconds": plan.seconds,
+        "horizon": plan.horizon,
         "device": plan.device,
     }
 
@@ -167,7 +171,7 @@ def trained(
         share = min(1.0, spent / plan.seconds)
         for group in optimiser.param_groups:
             group["lr"] = plan.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share)))
-        loss = one_step_loss(network, units, training, plan, random)
+        loss = unrolled_loss(network, units, training, plan, random)
         optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -194,21 +198,30 @@ def clock_s(device: str) -> float:
     return time.perf_counter()
 
 
-def one_step_loss(
+def unrolled_loss(
     network: nn.Module, units: Units, training: list[ParticleRollout], plan: ParticlePlan, random: np.random.Generator
 ) -> Tensor:
-    """Squared error of predicted changes of displacement, in units of the typical change, over a few frames."""
-    positions, features, wanted = [], [], []
-    for _ in range(plan.batch):
-        rollout = training[int(random.integers(len(training)))]
-        frame = int(random.integers(1, len(rollout) - 1))
-        before, now, after = rollout.positions[frame - 1 : frame + 2]
-        drawn = torch.from_numpy(random.normal(size=now.shape).astype(np.float32)).to(now)
-        noise = drawn * (plan.noise * units.change_m)
-        # The noise is on the past: the network learns to return to the true next position.
-        now = now + noise
-        positions.append(now)
-        features.append(rollout.features(frame, now, before, units.motion_m))
-        wanted.append((after - 2 * now + before) / units.change_m)
-    parts = zip(network(positions, features), wanted, strict=True)
-    return torch.stack([(one - other).square().mean() for one, other in parts]).mean()
+    """Squared error of the open loop over a few frames, the gradient through all of them.
+
+    Every frame's error is divided by the frames since the start and by the typical change of displacement: a constant
+    error of velocity counts the same in each.
+    """
+    moments = [_drawn(units, training, plan, random) for _ in range(plan.batch)]
+    parts = []
+    for ahead in range(1, plan.horizon + 1):
+        moments = [each for each in moments if each.frame + 1 < len(each.rollout)]
+        if not moments:
+            break
+        moments = stepped(network, units, moments)
+        scale = ahead * units.change_m
+        parts += [((each.now - each.rollout.positions[each.frame]) / scale).square().mean() for each in moments]
+    return torch.stack(parts).mean()
+
+
+def _drawn(units: Units, training: list[ParticleRollout], plan: ParticlePlan, random: np.random.Generator) -> Moment:
+    """Draw a start. The noise is on the present: the network learns to return to the true next positions."""
+    rollout = training[int(random.integers(len(training)))]
+    frame = int(random.integers(1, max(2, len(rollout) - plan.horizon)))
+    before, now = rollout.positions[frame - 1], rollout.positions[frame]
+    drawn = torch.from_numpy(random.normal(size=now.shape).astype(np.float32)).to(now)
+    return Moment(rollout, frame, now + drawn * (plan.noise * units.change_m), before)

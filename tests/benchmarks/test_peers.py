@@ -10,9 +10,9 @@ import torch
 
 from benchmarks.peers.__main__ import _note, main, parsed
 from benchmarks.peers.particle_data import FEATURES, ParticleRollout, read_rollouts
-from benchmarks.peers.particle_models import MODELS, Units, open_loop, stepped
+from benchmarks.peers.particle_models import MODELS, Moment, Units, open_loop, stepped
 from benchmarks.peers.particle_rivals import rivals
-from benchmarks.peers.particles import ParticlePlan, carry_out, errors, split
+from benchmarks.peers.particles import ParticlePlan, carry_out, errors, split, unrolled_loss
 from benchmarks.peers.scaling import measured
 from benchmarks.peers.score import particle_tables, read_rows, scaling_to_markdown, table_to_markdown
 from benchmarks.peers.strips import _sheet
@@ -118,7 +118,7 @@ def test_an_untrained_network_holds_the_velocity_and_a_rigid_body_keeps_its_shap
     torch.manual_seed(0)
     network, coarse = MODELS["transformer"](units), Units(0.01, 1.0, 0.5)
     with torch.no_grad():
-        moved = stepped(network, coarse, one, 1, (one.positions[1], one.positions[0]))
+        moved = stepped(network, coarse, [Moment(one, 1, one.positions[1], one.positions[0])])[0].now
     before, after = (torch.cdist(each[:6], each[:6]) for each in (one.positions[0], moved))
     torch.testing.assert_close(before, after, rtol=0, atol=1e-5)
     assert float((moved[6:] - one.positions[2, 6:]).abs().max()) > 1e-4
@@ -170,15 +170,39 @@ def test_a_stopped_run_goes_on_and_is_scored(data, tmp_path):
 
 
 def test_the_same_seed_draws_the_same_windows(data):
-    from benchmarks.peers.particles import one_step_loss
-
     rollouts, plan = read_rollouts(data, "FluidFall"), ParticlePlan(data, "FluidFall", (0,), (0,), 1.0)
     units, losses = Units.of(rollouts), []
     for _ in range(2):
         torch.manual_seed(0)
         network = MODELS["dpi-net"](units)
-        losses.append(float(one_step_loss(network, units, rollouts, plan, np.random.default_rng(3)).detach()))
+        losses.append(float(unrolled_loss(network, units, rollouts, plan, np.random.default_rng(3)).detach()))
     assert losses[0] == losses[1]
+
+
+@pytest.mark.parametrize(("horizon", "error"), [(1, 1.0), (3, (1 + 1.5**2 + 2**2) / 3)])
+def test_an_unrolled_loss_sees_a_constant_error_grow(data, horizon, error):
+    """Particles fall at constant speed: a wrong change c in every frame is k (k + 1) / 2 c after k frames."""
+    rollouts = read_rollouts(data, "FluidFall")
+    plan = ParticlePlan(data, "FluidFall", (0,), (0,), 1.0, horizon=horizon, batch=2, noise=0)
+    wrong = torch.nn.Parameter(torch.tensor(0.7))
+
+    def network(positions, _features):
+        return [wrong.expand_as(each) for each in positions]
+
+    loss = unrolled_loss(network, Units(0.01, 0.01, 0.5), rollouts, plan, np.random.default_rng(0))
+    assert float(loss.detach()) == pytest.approx(error * 0.7**2, rel=1e-3)
+    loss.backward()
+    assert float(wrong.grad) == pytest.approx(2 * error * 0.7, rel=1e-3)
+
+
+def test_the_gradient_goes_through_a_rigid_body():
+    one, units = rollout(rigid=6), Units(0.01, 0.01, 0.5)
+    change = torch.zeros(COUNT, 3, requires_grad=True)
+    moment = Moment(one, 1, one.positions[1], one.positions[0])
+    for _ in range(2):
+        moment = stepped(lambda *_: [change], units, [moment])[0]
+    moment.now.square().sum().backward()
+    assert change.grad is not None and bool((change.grad.abs().sum(1) > 0).all())
 
 
 def test_scaling_says_what_was_left_out_and_why():
