@@ -32,7 +32,7 @@ def _training() -> str:
             "model",
             "parameters",
             "training steps",
-            "ms of one (CPU; particles: a shared GPU)",
+            "ms of one (CPU; one frame: a shared GPU)",
             "ms of a step of a rollout",
         ],
         lines,
