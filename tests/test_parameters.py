@@ -105,7 +105,8 @@ def test_the_models_own_error_widens_an_interval_on_the_scale_of_the_fit():
     half = np.hypot(np.log(1.25), 1.96 * STIFFNESS.model_error)
     assert [found.low, found.high] == pytest.approx([1e4 * np.exp(-half), 1e4 * np.exp(half)], rel=1e-6)
     certain = Estimate(0.4, 0.4, 0.4).with_model_error(FRICTION)
-    assert [certain.low, certain.high] == pytest.approx([0.4 - 1.96 * FRICTION.model_error, 0.4 + 1.96 * FRICTION.model_error])
+    half = 1.96 * FRICTION.model_error
+    assert [certain.low, certain.high] == pytest.approx([0.4 - half, 0.4 + half])
     unknown = Estimate(0.4)
     assert unknown.with_model_error(FRICTION) == unknown, "what is not known stays so"
     assert Estimate(1e4, 5e3, 4.6e4).within(STIFFNESS).determined
