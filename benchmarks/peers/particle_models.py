@@ -112,14 +112,11 @@ def stepped(network: nn.Module, units: Units, moments: list[Moment]) -> list[Mom
     """Predict one frame of some rollouts at once."""
     features = [each.rollout.features(each.frame, each.now, each.before, units.motion_m) for each in moments]
     changes = network([each.now for each in moments], features)
-    return [
-        Moment(each.rollout, each.frame + 1, _kept_rigid(each.rollout, _moved(each, change, units)), each.now)
-        for each, change in zip(moments, changes, strict=True)
-    ]
-
-
-def _moved(moment: Moment, change: Tensor, units: Units) -> Tensor:
-    return 2 * moment.now - moment.before + change * units.change_m
+    after = []
+    for each, change in zip(moments, changes, strict=True):
+        moved = 2 * each.now - each.before + change * units.change_m
+        after.append(Moment(each.rollout, each.frame + 1, _kept_rigid(each.rollout, moved), each.now))
+    return after
 
 
 def _kept_rigid(rollout: ParticleRollout, moved: Tensor) -> Tensor:
