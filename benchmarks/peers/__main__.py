@@ -154,6 +154,13 @@ def tables_of(options: argparse.Namespace) -> None:
     sys.stdout.write("\n\n".join(parts) + "\n")
 
 
+def _count(word: str) -> int:
+    """Read a number of steps, frames and the like."""
+    if (number := int(word)) < 1:
+        raise argparse.ArgumentTypeError(f"at least 1, not {number}")
+    return number
+
+
 def parsed(words: list[str] | None = None) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog=COMMAND, description=__doc__)
@@ -171,16 +178,16 @@ def parsed(words: list[str] | None = None) -> argparse.Namespace:
     making.add_argument("--env", action="append", help="environment; may be repeated")
     making.add_argument("--data", type=Path, help="folder of DiSECt's recordings, or of particle data")
     making.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    making.add_argument("--steps", type=int, default=1520, help="pipeline: steps of I2N; peers take the same time")
+    making.add_argument("--steps", type=_count, default=1520, help="pipeline: steps of I2N; peers take the same time")
     making.add_argument("--full", action="store_true", help="pipeline: the demo's or DiSECt's sizes, not small ones")
     making.add_argument("--no-engine", action="store_true", help="pipeline: without the rivals that need an engine")
     making.add_argument("--folds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="particles: rollouts that test")
     making.add_argument("--seconds", type=float, default=300, help="particles: CPU or GPU time of one training")
-    making.add_argument("--horizon", type=int, default=8, help="particles: frames of an open loop in training")
+    making.add_argument("--horizon", type=_count, default=8, help="particles: frames of an open loop in training")
     making.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="particles, scaling")
-    making.add_argument("--jobs", type=int, default=1, help="particles: trainings at the same time")
-    making.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="scaling: numbers of particles")
-    making.add_argument("--rounds", type=int, default=5, help="scaling: repetitions")
+    making.add_argument("--jobs", type=_count, default=1, help="particles: trainings at the same time")
+    making.add_argument("--counts", type=_count, nargs="+", default=COUNTS, help="scaling: numbers of particles")
+    making.add_argument("--rounds", type=_count, default=5, help="scaling: repetitions")
     making.add_argument("--limit-s", type=float, default=120, help="scaling: most CPU time of both steps")
     making.add_argument("--memory-gb", type=float, default=8, help="scaling: most memory of a process")
     command("score", score)

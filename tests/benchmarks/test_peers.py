@@ -98,6 +98,13 @@ def test_bad_folders_are_errors_in_words(data, tmp_path, capsys):
         sys.argv = argv
 
 
+@pytest.mark.parametrize("option", ["--horizon", "--steps", "--jobs", "--rounds", "--counts"])
+def test_a_count_is_at_least_one(option, capsys):
+    with pytest.raises(SystemExit):
+        parsed(["run", "particles", option, "0"])
+    assert f"{option}: at least 1, not 0" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("shapes", [0, 2, 5])
 def test_features_do_not_depend_on_the_place_in_the_room(shapes):
     one = rollout(shapes=shapes)
