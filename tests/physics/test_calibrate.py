@@ -48,7 +48,8 @@ def test_recovers_stiffness_and_friction(block):
     truth = Material(youngs_modulus_pa=4e3, table_friction=0.3, damping_per_s=3)
     cases = [sliding_case(block, truth, s, noise_m=2e-4, seed=k) for k, s in enumerate((0.3, 0.5, -0.4, 0.2))]
     start = replace(truth, youngs_modulus_pa=8e3, table_friction=0.5)
-    fit = calibrate(cases, start, ["youngs_modulus_pa", "table_friction"], CONFIG)
+    names = ["youngs_modulus_pa", "table_friction"]
+    fit = calibrate(cases, start, names, CONFIG)
     assert fit.material.youngs_modulus_pa == pytest.approx(4e3, rel=0.03)
     assert fit.material.table_friction == pytest.approx(0.3, rel=0.03)
     assert fit.rms_after_m == pytest.approx(2e-4 * np.sqrt(3), rel=0.1)
@@ -57,6 +58,8 @@ def test_recovers_stiffness_and_friction(block):
         estimate = fit.estimates[name]
         assert estimate.low < value < estimate.high
         assert estimate.high - estimate.low < 0.1 * value
+    again = calibrate(cases, fit.material, names, CONFIG, prior=Posterior.around(start, names))
+    assert again.rollouts == len(cases) * (1 + len(names))  # the derivatives promise nothing, so no step is tried
 
 
 def test_a_parameter_that_nothing_feels_gets_an_infinite_interval(block):

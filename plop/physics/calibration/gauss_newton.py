@@ -18,12 +18,11 @@ from plop.physics.calibration.recorded_motion import Case
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material
 
-_LEVELS = 6
-"""Largest number of halvings in the line search before the fit counts as converged."""
 _REACH = 20
 """Longest step along one parameter, in its finite differences: derivatives hold nearby only."""
 _GAIN = 0.01
-"""Gain of a step, in units of the log density, below which the fit has converged: far less than a likelihood tells."""
+"""Gain that is expected of a step, in units of the log density, below which the fit has converged: far less than a
+likelihood tells."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +83,12 @@ def calibrate(
             fix="Give at least one episode and one of these parameters.",
         )
     prior = prior or Posterior.around(start, names)
-    fit = _Fit(cases, slopes or cases, start, prior, config, jobs)
+    fit = _Fit(cases, slopes or cases, start, prior, config, _GAIN, jobs)
     return fit.run(iterations, progress)
 
 
 def minimum_near(
-    cases: Sequence[Case], start: Material, posterior: Posterior, config: EngineConfig, iterations: int
+    cases: Sequence[Case], start: Material, posterior: Posterior, config: EngineConfig, iterations: int, gain: float
 ) -> tuple[float, Material, int]:
     """Go downhill from a start, without intervals; its cost where the engine is unstable is infinite.
 
@@ -99,11 +98,12 @@ def minimum_near(
         posterior: What is minimised.
         config: As for `calibrate`.
         iterations: Largest number of Gauss-Newton steps.
+        gain: What a step has to promise [nats].
 
     Returns:
         Cost, parameters, and the number of episodes simulated.
     """
-    fit = _Fit(cases, cases, start, posterior, config, jobs=1)
+    fit = _Fit(cases, cases, start, posterior, config, gain)
     try:
         end = fit.descend(iterations, None)
     except PlopError:  # unstable: the fit says so if all starts are
@@ -133,11 +133,12 @@ class _Fit:
         start: Material,
         posterior: Posterior,
         config: EngineConfig,
-        jobs: int,
+        gain: float,
+        jobs: int = 1,
     ) -> None:
         self.cases, self.slopes, self.start, self.posterior = cases, slopes, start, posterior
         self.parameters: list[Parameter] = posterior.parameters
-        self.config, self.jobs = config, jobs
+        self.config, self.gain, self.jobs = config, gain, jobs
         self.rollouts = 0
 
     def residuals(self, points: list[np.ndarray], cases: Sequence[Case] | None = None) -> list[list[np.ndarray]]:
@@ -171,20 +172,16 @@ class _Fit:
         damping, done = 1e-3, 0
         for done in range(1, iterations + 1):
             better = self.step(here, residual, jacobian, damping)
+            if better is None and fresh:
+                break
+            fresh = better is None
             if better is None:
-                if fresh and self.slopes is self.cases:
-                    break
-                # where derivatives of the coarser grid lead nowhere, those of the engine's own are taken
-                self.slopes = self.cases if fresh else self.slopes
-                jacobian, fresh = self.jacobian(here, residual), True
+                jacobian = self.jacobian(here, residual)
                 continue
-            jacobian, fresh = _corrected(jacobian, better[0] - here, residual, better[1]), False
-            gain = self.cost(here, residual) - self.cost(*better[:2])
+            jacobian = _corrected(jacobian, better[0] - here, residual, better[1])
             here, residual, damping = better
             if progress is not None:
                 progress(done, iterations, _rms(residual))
-            if gain < _GAIN:
-                break
         return _End(here, residual, jacobian if fresh else None, before, done)
 
     def cost(self, here: np.ndarray, residual: list[np.ndarray]) -> float:
@@ -209,7 +206,7 @@ class _Fit:
     def step(
         self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]], damping: float
     ) -> tuple[np.ndarray, list[np.ndarray], float] | None:
-        """Take one damped step that lowers the cost; None when there is none."""
+        """Take one damped step that lowers the cost; None where none does, or none promises much."""
         hessian, gradient = normal_equations(*weighed(jacobian, residual))
         hessian += np.diag(self.posterior.precision)
         gradient += self.posterior.precision * (here - self.posterior.center)
@@ -217,16 +214,20 @@ class _Fit:
         high = np.array([p.encode(p.high) for p in self.parameters])
         reach = _REACH * np.array([abs(p.step) for p in self.parameters])
         free = ~((here <= low) & (gradient > 0)) & ~((here >= high) & (gradient < 0))
-        for _ in range(_LEVELS):
+        while True:
             scaled = hessian + np.diag(damping * np.diag(hessian) + 1e-30)
             move = np.zeros(len(here))
             move[free] = -np.linalg.solve(scaled[np.ix_(free, free)], gradient[free])
             there = np.clip(here + np.clip(move, -reach, reach), low, high)
-            trial = self.residuals([there])[0]
-            if self.cost(there, trial) < self.cost(here, residual):
-                return there, trial, damping / 10
+            move = there - here
+            promised = -gradient @ move - move @ hessian @ move / 2
+            if promised >= self.gain:
+                trial = self.residuals([there])[0]
+                if self.cost(there, trial) < self.cost(here, residual):
+                    return there, trial, damping / 10
+            elif not promised < 0:  # where the step was clipped, a smaller one may promise more
+                return None
             damping = max(10 * damping, 0.1)
-        return None
 
 
 def _corrected(
