@@ -14,10 +14,10 @@ def deterministic() -> Iterator[None]:
 
     On several threads the gradient of indexing, in particular, is summed in the order in which threads finish.
     """
-    before = torch.are_deterministic_algorithms_enabled()
-    warned = torch.is_deterministic_algorithms_warn_only_enabled()
-    torch.use_deterministic_algorithms(True, warn_only=True)
+    before = torch.get_deterministic_debug_mode()
+    # the same switch as `use_deterministic_algorithms`, which imports torch's compiler, too: seconds in every process
+    torch.set_deterministic_debug_mode("warn")
     try:
         yield
     finally:
-        torch.use_deterministic_algorithms(before, warn_only=warned)
+        torch.set_deterministic_debug_mode(before)
