@@ -57,7 +57,7 @@ def calibrate(
     """Find the likeliest parameters (`Posterior`).
 
     Derivatives are differences at the start and at the end, of which the last give the intervals; between them every
-    step corrects them by what it found (Broyden 1965), and they are differenced anew only where a step fails.
+    step corrects them by what it found (Broyden 1965), and they are differenced anew where no step is left to take.
 
     Args:
         cases: Episodes.
@@ -172,16 +172,15 @@ class _Fit:
         damping, done = 1e-3, 0
         for done in range(1, iterations + 1):
             better = self.step(here, residual, jacobian, damping)
-            if better is None and fresh:
+            if better is not None:
+                jacobian, fresh = _corrected(jacobian, better[0] - here, residual, better[1]), False
+                here, residual, damping = better
+                if progress is not None:
+                    progress(done, iterations, _rms(residual))
+            elif fresh:
                 break
-            fresh = better is None
-            if better is None:
-                jacobian = self.jacobian(here, residual)
-                continue
-            jacobian = _corrected(jacobian, better[0] - here, residual, better[1])
-            here, residual, damping = better
-            if progress is not None:
-                progress(done, iterations, _rms(residual))
+            else:
+                jacobian, fresh = self.jacobian(here, residual), True
         return _End(here, residual, jacobian if fresh else None, before, done)
 
     def cost(self, here: np.ndarray, residual: list[np.ndarray]) -> float:
