@@ -17,7 +17,7 @@ from scipy.linalg.lapack import dpstrf
 from plop.diagnosis.evidence.contrast import Products
 from plop.diagnosis.evidence.discrepancy import Field
 from plop.diagnosis.rule import DecisionRule
-from plop.diagnosis.scores.calibration import ByChance, strongest, ways_to_deal
+from plop.diagnosis.scores.calibration import ByChance, balanced, strongest, ways_to_deal
 from plop.diagnosis.scores.search import ENOUGH_WAYS
 from plop.planning.motions import Motion
 
@@ -48,6 +48,7 @@ class Design:
         self._seed = seed
         field = Field([m.evidence for m in motions], [m.base for m in motions])
         columns = [np.stack([r.reshape(-1) for r in m.responses], 1) for m in motions]
+        self._repeats = field.repeats
         self.gram = field.multiplied(columns, [m.evidence.residual for m in motions])[0]
         """Of all hypotheses, [E, H, E, H]."""
 
@@ -79,12 +80,13 @@ class Design:
         onto = self.draws[draw][:, hypothesis]
         if hidden is not None:
             onto = onto + amount * self.gram[:, hypothesis, :, hidden] @ self.here.astype(float)
-        return Products(self.gram[:, hypothesis, :, hypothesis], onto)
+        return Products(self.gram[:, hypothesis, :, hypothesis], onto, self._repeats)
 
     @cached_property
     def by_chance(self) -> list[ByChance]:
         """What chance finds in each draw, for ways of dealing the episodes out; nothing is there to be taken off."""
-        few = self.ways[np.unique(np.linspace(0, len(self.ways) - 1, WAYS).round().astype(int))]
+        ways = balanced(self.ways)
+        few = ways[np.unique(np.linspace(0, len(ways) - 1, WAYS).round().astype(int))]
         laws = range(self.gram.shape[1])
         found = [strongest([self.products(draw, h) for h in laws], few) for draw in range(DRAWS)]
         return [ByChance(ways, len(laws), len(self.here)) for ways in found]

@@ -10,7 +10,8 @@ import pytest
 
 from plop.diagnosis.decision.finding import Finding
 from plop.diagnosis.decision.result import Diagnosis, Ranked
-from plop.diagnosis.evidence.contrast import Contrast, Products
+from plop.diagnosis.evidence.amounts import Contrast
+from plop.diagnosis.evidence.contrast import Products
 from plop.diagnosis.responses.hypotheses import candidates_of, hypotheses_of
 from plop.diagnosis.scores.score import Score
 from plop.parameters import NOT_DETERMINED, Estimate
@@ -27,8 +28,9 @@ def finding(name: str, low: float, high: float, gain: float = 0.5, **more: Estim
     [candidate, *_] = [c for c in candidates_of(library(()), [name]) if c.effect == name]
     [hypothesis, *_] = hypotheses_of([candidate])
     none = np.zeros(4)
-    known, gains = Contrast(1.0, 0.1, 3), none + gain
-    score = Score(hypothesis, Products(np.eye(4), none), 1.0, known, 0.005, gains, 4, 1e-3, lambda: (none + 1, gains))
+    known, gains = Contrast(np.ones(1), np.full((1, 1), 0.01), 3), none + gain
+    explained, directed = (none + 1, gains), lambda: known
+    score = Score(hypothesis, Products(np.eye(4), none), 1.0, directed, 0.005, gains, 4, 1e-3, lambda: explained)
     return Finding(name, kind.kind, {first.name: value, **more}, score, gain, 0.1, ())
 
 

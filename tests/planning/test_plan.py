@@ -128,7 +128,7 @@ def test_a_law_without_response_is_left_out_and_cannot_be_distinguished():
     assert "softening" in str(caught.value.where)
 
 
-def carried_out(world: World, fewer: int = 0):
+def carried_out(world: World):
     """Plan for a confounded verdict, record the planned motion, and diagnose again: the plan, and the new verdict."""
     hidden = {"viscosity": 200.0}
     here, reference = world.measured(1, hidden), world.measured(2, {})
@@ -141,7 +141,7 @@ def carried_out(world: World, fewer: int = 0):
     assert best.change in (Change.SLOWER, Change.RESTING) and separation.settled >= 0.9 > separation.chance
     assert {c.change for c in separation.choices[:2]} <= {Change.SLOWER, Change.RESTING}
     like = next(e for e in reference.episodes if e.name == best.like)
-    count = separation.repeats - fewer
+    count = separation.repeats
     more, plain = world.again(like, best, count, hidden, 5), world.again(like, best, count, {}, 6)
     after = diagnose(
         Measured([*here.episodes, *more]),
@@ -161,12 +161,10 @@ class Unlike(Lasting):
 
 
 def test_the_planned_motion_settles_it_where_no_motion_was_repeated():
-    """As often as it says: recorded once the laws stay confounded, though each shows in the new motion."""
-    world = Unlike()
-    found, verdict = carried_out(world)
+    """It may ask for more recordings than are needed: in its draws, those that were made say what they said before."""
+    found, verdict = carried_out(Unlike())
     assert (verdict.kind, verdict.named) == ("EFFECT", ("viscosity",)), verdict
     assert found.separation.repeats == 3
-    assert carried_out(world, fewer=2)[1].kind == "CONFOUNDED"
 
 
 def test_the_planned_motion_settles_what_was_confounded():

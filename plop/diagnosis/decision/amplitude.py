@@ -33,7 +33,7 @@ def refine(search: Search, laws: Sequence[str]) -> bool:
     for score in one_per_setting(search.scores()):
         if score.hypothesis.effect not in laws or score.amount == 0:
             continue
-        other = score.hypothesis.at(min(score.amount, score.hypothesis.most))
+        other = score.hypothesis.with_values(score.values)
         if _computed_near(search, other) is None:
             wanted.append(other)
     search.add(wanted)
@@ -92,11 +92,12 @@ def _repeated(search: Search, score: Score) -> tuple[Search, Score]:
         if new.strength <= 0 or new.amount <= 0:
             break
         weighted, found = trial, new
-        multiple = min(new.amount, new.hypothesis.most)
-        if abs(multiple - 1) <= NEAR and not new.hypothesis.coarse:
+        aimed = new.hypothesis.with_values(new.values)
+        if _apart(new.hypothesis, aimed) <= NEAR and not new.hypothesis.coarse:
             break
-        tried.append((float(np.log(np.linalg.norm(new.hypothesis.values))), float(np.log(multiple))))
-        wanted = new.hypothesis.at(min(float(np.exp(_step(tried))), new.hypothesis.most))
+        was, size = (float(np.linalg.norm(h.values)) for h in (new.hypothesis, aimed))
+        tried.append((float(np.log(was)), float(np.log(size / was))))
+        wanted = aimed.at(float(np.exp(_step(tried))) * was / size)
         moved = _computed_near(search, wanted) or _elsewhere(search, wanted, 1.0)
         if moved is None or moved == new.hypothesis:
             break

@@ -114,13 +114,13 @@ def amplitudes_of(score: Score, rule: DecisionRule = RULE, curve: Curve = Curve(
     """
     found = {}
     at_bound = score.amount >= score.hypothesis.most * (1 - 1e-9)
-    known = score.typical
-    chance = student.ppf(0.975, known.freedom) * known.error / max(known.amount, 1e-12)
-    width = float(np.hypot(chance, rule.response_width))
-    below, above = (curve.amplitude(1 + share) - 1 for share in (-width, width))
-    for column, value in zip(score.hypothesis.candidate.columns, score.values, strict=True):
-        unit = np.copysign(max(abs(value), 1e-12), value)
-        ends = sorted((value + below * unit, value + above * unit))
+    size = max(float(np.linalg.norm(score.values)), 1e-12)
+    chance = student.ppf(0.975, score.directed.freedom) * score.errors / size
+    widths = np.hypot(chance, rule.response_width)
+    for column, value, width in zip(score.hypothesis.candidate.columns, score.values, widths, strict=True):
+        below, above = (curve.amplitude(1 + share) - 1 for share in (-float(width), float(width)))
+        away = np.copysign(size, value)
+        ends = sorted((value + below * away, value + above * away))
         low, high, inside = (float(np.clip(v, column.low, column.high)) for v in (*ends, value))
         found[column.amplitude] = Estimate(inside, low, high, column.unit, bool(at_bound))
     return found

@@ -54,7 +54,7 @@ def detection_limits(search: Search, scores: Sequence[Score], rule: DecisionRule
         critical = search.critical(level, hypothesis.effect)
         without = score.products.with_amount(-score.amount, search.here)
         multiple = least_seen(without, search.here, critical, hypothesis.most)
-        multiple += float(norm.ppf(rule.seen)) * score.typical.error
+        multiple += float(norm.ppf(rule.seen)) * score.directed.error
         if not multiple <= hypothesis.most:
             found[hypothesis.effect] = unseen(column)
             continue

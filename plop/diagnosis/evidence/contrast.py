@@ -8,6 +8,12 @@ model, everything that can be asked of it stands in the products
 of E by E and E numbers. Amounts are s in all episodes (what the base lacks there, too) and s + a in those to explain,
 z = 1; without a reference s is 0. Amounts are in units of the amplitude at which the response was computed, so that a
 law that is there at that amplitude has a = 1; only a > 0 counts, since the other way is another hypothesis.
+
+An engine responds too strongly in one motion and too weakly in another, by a share q (`DecisionRule.response_error`):
+amounts scatter between motions by q times their mean (random effects), and not between repeats of one. So motions in
+which much moves do not decide alone, and where the response is wrong in one of them, the others speak:
+
+    g ~ N(G (s + a z), G + G T G)        T[e, f] = q^2 (s + a z_e) (s + a z_f) where e and f repeat a motion, else 0
 """
 
 from __future__ import annotations
@@ -16,11 +22,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plop.diagnosis.evidence.amounts import Contrast, contrast, typical
+from plop.diagnosis.rule import RULE
 from plop.statistics.heavy_tails import FREEDOM
 
 _SINGULAR = 1e-9
-_ROUNDS = 5
-"""In which a mean amount and the spread around it are found from each other."""
 
 
 def roots(gains: np.ndarray) -> np.ndarray:
@@ -36,6 +42,8 @@ class Products:
     """[E, E]."""
     onto: np.ndarray
     """[E]."""
+    repeats: np.ndarray | None = None
+    """1 where two episodes repeat a motion, else 0, [E, E]; absent: none does."""
 
     @property
     def freedom(self) -> float:
@@ -48,52 +56,23 @@ class Products:
         told = np.sqrt(np.diag(self.gram))
         return max(float(told.sum() ** 2 / max((told**2).sum(), 1e-300)) - 2.0, FREEDOM)
 
-    def contrast(self, here: np.ndarray, spread: float = 0.0) -> Contrast:
-        """Fit a and, where some episodes are a reference, s by generalised least squares.
+    def contrast(self, here: np.ndarray, scatter: float = 0.0) -> Contrast:
+        """Fit a and, where some episodes are a reference, s; see `contrast`."""
+        return contrast(self.gram[:, None, :, None], self.onto[:, None], here, self._repeats, scatter)
 
-        Args:
-            here: Which episodes are to be explained, bool [E].
-            spread: Standard deviation between their amounts: the larger, the more nearly all count alike.
-        """
-        design, normal = self._normal(here)
-        if not _regular(normal):
-            return Contrast(0.0, np.inf, 1)
-        # covariance of g where amounts differ: G + spread^2 G diag(z) G
-        onto = design.T @ np.linalg.inv(np.eye(len(here)) + spread**2 * self.gram * here)
-        inverse = np.linalg.inv(onto @ self.gram @ design)
-        fitted = inverse @ onto @ self.onto
-        pulls = (inverse[0] @ onto) * (self.onto - self.gram @ design @ fitted)
-        freedom = max(len(here) - design.shape[1], 1)
-        variance = inverse[0, 0] + (pulls**2).sum() * len(here) / freedom
-        return Contrast(float(fitted[0]), float(np.sqrt(variance)), freedom)
+    def typical(self, here: np.ndarray) -> Contrast:
+        """Fit the mean of amounts that scatter in proportion to it; see `typical`."""
+        return typical(self.gram[:, None, :, None], self.onto[:, None], here, self._repeats)
 
-    def typical(self, alike: Contrast, here: np.ndarray, off: float) -> Contrast:
-        """Fit the mean of amounts that differ from episode to episode (random effects; DerSimonian & Laird 1986).
-
-        An engine responds too strongly in one motion and too weakly in another: of motions of which much is known, one
-        that is off would decide alone.
-
-        Args:
-            alike: The amount where all episodes have the same.
-            here: Which episodes are to be explained, bool [E].
-            off: Standard deviation of an episode's amount, as a share of the mean.
-        """
-        found = alike
-        for _ in range(_ROUNDS):
-            if found.amount > 0:
-                found = self.contrast(here, off * found.amount)
-        return found
-
-    def _normal(self, here: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Give the design of a and, where some episodes are a reference, s, [E, 1 or 2], and its normal matrix."""
-        z = here.astype(float)
-        design = z[:, None] if here.all() else np.stack([z, np.ones(len(z))], 1)
-        return design, design.T @ self.gram @ design
+    @property
+    def _repeats(self) -> np.ndarray:
+        return np.eye(len(self.onto)) if self.repeats is None else self.repeats
 
     def held_out(self, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Predict each episode, of the reference, too, with the amounts that all others show.
 
-        The hypothesis stands against the same without a, so that what is in the reference, too, is no gain.
+        The hypothesis stands against the same without a, where s is the same in all episodes: what is in the reference,
+        too, is no gain.
 
         Args:
             labels: Which episodes are to be explained, 0 or 1, [N, E]; N ways of dealing them out.
@@ -102,75 +81,90 @@ class Products:
             Gain of log density [nats], and the a that the others show in an episode to explain, 0 where it is negative;
             [N, E] each.
         """
-        z, alone = labels, bool((labels > 0).all())
-        row, pulled, own = self.gram.sum(1), labels @ self.gram, np.diag(self.gram)
-        nothing = _SINGULAR * max(float(own.sum()), 1e-300)
-        own = np.where(own > nothing, own, np.inf)
-        # [N, E]: products of s and a with each other and with the residuals, an episode not being there: its part of
-        # the covariance is taken out (Schur's complement)
-        aa, a = (pulled * z).sum(1)[:, None] - pulled**2 / own, (z @ self.onto)[:, None] - pulled * self.onto / own
-        sa, s = (z @ row)[:, None] - pulled * row / own, self.onto.sum() - row * self.onto / own
-        ss = row.sum() - row**2 / own
-        ss = np.where((ss > nothing) & (not alone), ss, np.inf)
-        volume = aa - sa**2 / ss
-        usable = volume > nothing
-        amount = np.where(usable, np.maximum((a - sa * s / ss) / np.where(usable, volume, 1.0), 0.0), 0.0)
-        # log density of the amount in an episode, all others given, over that without a
-        left = [self.onto - (s - sa * each) / ss * row - each * pulled for each in (0.0 * amount, amount)]
-        gains = 0.5 * (left[0] ** 2 - left[1] ** 2) / own
-        return gains, amount * z
+        law, _, amount = self._with_law(labels)
+        _, _, alike = _fitted(self.gram, self.onto, labels, self._own(self.gram))
+        gains = law - self._log_density(alike, 0.0 * amount, labels, np.zeros((1, 1)))
+        return np.where(self._tells & (amount > 0), gains, 0.0), amount * labels
 
     def strength(self, labels: np.ndarray) -> np.ndarray:
-        """Sum of the roots of the gains of all episodes, for N ways of dealing them out, [N]: what ranks and is tested.
+        """Sum of the roots of the gains of all episodes, for N ways of dealing them out, [N]: what is tested.
 
-        Those of the reference count as well: without a, what the others show of the law is expected in it, too.
+        Here what the hypothesis stands against may scatter between episodes, too: that it does so is no gain. Episodes
+        of the reference count as well: without a, what the others show of the law is expected in them, too.
         """
-        return np.asarray(roots(self.held_out(labels)[0]).sum(1))
+        law, without, amount = self._with_law(labels)
+        return np.asarray(roots(np.where(self._tells & (amount > 0), law - without, 0.0)).sum(1))
+
+    def _with_law(self, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Give the log density of each episode, given all others, with and without a, and the a that these show.
+
+        Amounts are fitted as if they scattered as those of a law at a = 1.
+        """
+        off, size = RULE.response_error, len(self.onto)
+        unlike = np.linalg.inv(np.eye(size) + off**2 * self.gram @ self._repeats)
+        gram, onto = unlike @ self.gram, unlike @ self.onto
+        amount, shared, without = _fitted(gram, onto, labels, self._own(gram))
+        of_law, of_all, alone = (each[:, :1] for each in _fitted(gram, onto, labels, np.full(size, np.inf)))
+        law = self._log_density(shared, amount, labels, off * (of_all + of_law * labels))
+        return law, self._log_density(without, 0.0 * amount, labels, off * alone[:1]), amount
+
+    @property
+    def _tells(self) -> np.ndarray:
+        """Which episodes tell anything of the hypothesis, bool [E]."""
+        own = np.diag(self.gram)
+        return np.asarray(own > _SINGULAR * max(float(own.sum()), 1e-300))
+
+    def _own(self, gram: np.ndarray) -> np.ndarray:
+        """What each episode tells by itself, infinite where it is nothing, so that nothing is left out, [E]."""
+        return np.where(self._tells, np.diag(gram), np.inf)
+
+    def _log_density(
+        self, shared: np.ndarray, amount: np.ndarray, labels: np.ndarray, scatter: np.ndarray
+    ) -> np.ndarray:
+        """Give the log density of each episode, all others given, [N, E].
+
+        Args:
+            shared: s, by which each is predicted, [N, E].
+            amount: a, [N, E].
+            labels: Which episodes are to be explained, [N, E].
+            scatter: Standard deviation of the amount of an episode, but for repeats of its motion, [N or 1, E or 1].
+        """
+        size, ways = len(self.onto), len(labels)
+        inverse = np.linalg.inv(np.eye(size) + self.gram @ (scatter[:, :, None] * self._repeats * scatter[:, None, :]))
+        seen = np.maximum(np.einsum("nef,fe->ne", inverse, self.gram), 1e-300)
+        of_law = np.einsum("nef,nf->ne", np.broadcast_to(inverse @ self.gram, (ways, size, size)), labels)
+        left = inverse @ self.onto - shared * (inverse @ self.gram.sum(1)) - amount * of_law
+        return np.asarray(0.5 * (np.log(seen) - left**2 / seen))
 
     def with_amount(self, change: float, here: np.ndarray) -> Products:
         """Give what the evidence would say with so much more of the law in the episodes to explain."""
-        return Products(self.gram, self.onto + change * self.gram @ here.astype(float))
+        return Products(self.gram, self.onto + change * self.gram @ here.astype(float), self.repeats)
 
 
-def own_amounts(gram: np.ndarray, onto: np.ndarray, here: np.ndarray) -> np.ndarray:
-    """Fit how much each episode to explain shows of several responses by itself, beyond what all episodes show.
-
-    The responses are those of one law in all its settings: what a law does is in proportion to none of them where it is
-    strong, or where the engine errs from motion to motion. They resemble each other, and there are as many amounts as
-    episodes, so that all have a normal prior with the amplitude at which a response was computed as its scale (ridge
-    regression).
+def _fitted(
+    gram: np.ndarray, onto: np.ndarray, labels: np.ndarray, own: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fit amounts to all episodes but one, for each of them.
 
     Args:
-        gram: Products of K responses, [E, K, E, K].
-        onto: Products with the residuals, [E, K].
-        here: Which episodes are to be explained, bool [E].
+        gram: Products of a response, [E, E].
+        onto: Products with the residuals, [E].
+        labels: Which episodes are to be explained, [N, E].
+        own: What each episode tells by itself, [E]; infinite: it is not left out.
 
     Returns:
-        Amounts, [E, K]; 0 in the reference.
+        a, 0 where it is negative, s, and s without a; [N, E] each.
     """
-    (count, wide), each = onto.shape, np.flatnonzero(here)
-    # [E, X]: the amounts of every episode to explain, then, where there is a reference, what is in all of them
-    common = np.zeros((count, 0)) if here.all() else np.ones((count, 1))
-    design = np.kron(np.concatenate([np.eye(count)[:, each], common], 1), np.eye(wide))
-    normal = design.T @ gram.reshape(count * wide, count * wide) @ design
-    fitted = np.linalg.solve(normal + np.eye(len(normal)), design.T @ onto.reshape(-1))
-    found = np.zeros((count, wide))
-    found[each] = fitted[: len(each) * wide].reshape(-1, wide)
-    return found
-
-
-@dataclass(frozen=True)
-class Contrast:
-    """A fitted amount."""
-
-    amount: float
-    """a."""
-    error: float
-    """Its standard error: that of the discrepancy model and that by the scatter of episodes (sandwich) together."""
-    freedom: int
-    """Degrees of freedom of the scatter."""
-
-
-def _regular(hessian: np.ndarray) -> bool:
-    values = np.linalg.eigvalsh(hessian)
-    return bool(values[-1] > 0 and values[0] > _SINGULAR * values[-1])
+    z, alone = labels, bool((labels > 0).all())
+    row, pulled = gram.sum(1), labels @ gram
+    nothing = _SINGULAR * max(float(np.diag(gram).sum()), 1e-300)
+    # [N, E]: products of s and a with each other and with the residuals, an episode not being there: its part of the
+    # covariance is taken out (Schur's complement)
+    aa, a = (pulled * z).sum(1)[:, None] - pulled**2 / own, (z @ onto)[:, None] - pulled * onto / own
+    sa, s = (z @ row)[:, None] - pulled * row / own, onto.sum() - row * onto / own
+    ss = row.sum() - row**2 / own
+    ss = np.where((ss > nothing) & (not alone), ss, np.inf)
+    volume = aa - sa**2 / ss
+    usable = volume > nothing
+    amount = np.where(usable, np.maximum((a - sa * s / ss) / np.where(usable, volume, 1.0), 0.0), 0.0)
+    return amount, (s - sa * amount) / ss, np.broadcast_to(s / ss, amount.shape)

@@ -86,6 +86,10 @@ class Field:
         self._inverse_kernel = np.linalg.inv(kernel)
         scales = Scales.of(self.episodes, spread.rough, kernel, repeats_of(distances))
         self.groups = scales.groups
+        self.repeats = np.zeros((len(episodes), len(episodes)))
+        """1 where two episodes repeat a motion, else 0, [E, E]."""
+        for group in self.groups:
+            self.repeats[np.ix_(group, group)] = 1.0
         self._weigh(scales.noise(None))
         for _ in range(_ROUNDS):
             self._weigh(scales.noise(self._leftovers()))
@@ -132,7 +136,7 @@ class Field:
         count = len(residuals)
         own = [np.stack([each[e].reshape(-1) for each in responses], 1) for e in range(count)]
         gram, onto = self.multiplied(own, residuals)
-        return [Products(gram[:, k, :, k], onto[:, k]) for k in range(len(responses))]
+        return [Products(gram[:, k, :, k], onto[:, k], self.repeats) for k in range(len(responses))]
 
     def multiplied(
         self, columns: Sequence[np.ndarray], residuals: Sequence[np.ndarray]

@@ -9,7 +9,7 @@ and y, is tried in directions around the circle.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -121,13 +121,26 @@ class Hypothesis:
         return len(columns) > 1 or self.values[0] == columns[0].value
 
     def at(self, multiple: float) -> Hypothesis:
-        """Give the same law at amplitudes so many times as large, kept in their ranges, as one run of the engine."""
-        values = tuple(
-            float(np.clip(multiple * value, column.low, column.high))
-            for column, value in zip(self.candidate.columns, self.values, strict=True)
-        )
-        settings = tuple((c, v) for c, v in zip(self.candidate.columns, values, strict=True) if v != 0)
-        return Hypothesis(self.candidate, values, ((settings, 1.0),))
+        """Give the same law at amplitudes so many times as large, see `with_values`."""
+        return self.with_values([multiple * value for value in self.values])
+
+    def with_values(self, values: Sequence[float]) -> Hypothesis:
+        """Give the same law at other amplitudes, kept in their ranges, as one run of the engine."""
+        columns = self.candidate.columns
+        kept = tuple(float(np.clip(v, column.low, column.high)) for column, v in zip(columns, values, strict=True))
+        settings = tuple((c, v) for c, v in zip(columns, kept, strict=True) if v != 0)
+        return Hypothesis(self.candidate, kept, ((settings, 1.0),))
+
+    def across(self, coarse: bool) -> Hypothesis | None:
+        """Give a law with two amplitudes at right angles to its direction, as large; None of any other law.
+
+        Args:
+            coarse: From the runs of a survey.
+        """
+        if len(self.values) == 1:
+            return None
+        x, y = self.values
+        return replace(_from_axes(self.candidate, (-y, x)), coarse=coarse)
 
     @property
     def most(self) -> float:
@@ -174,17 +187,20 @@ def hypotheses_of(candidates: Sequence[Candidate]) -> list[Hypothesis]:
 
 
 def _around(candidate: Candidate) -> list[Hypothesis]:
-    """Try two amplitudes in directions around the circle, from runs along the axes."""
-    found = []
-    for angle in 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
-        runs, values = [], []
-        for column, share in zip(candidate.columns, np.round((np.cos(angle), np.sin(angle)), 12), strict=True):
-            way = abs(column.value) if share > 0 else max(-abs(column.value), column.low)
-            values.append(float(share * abs(column.value)))
-            if share != 0:
-                runs.append((((column, way),), float(abs(share))))
-        found.append(Hypothesis(candidate, tuple(values), tuple(runs)))
-    return found
+    """Try two amplitudes in directions around the circle."""
+    sizes = np.abs([column.value for column in candidate.columns])
+    angles = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    return [_from_axes(candidate, [*(sizes * np.round((np.cos(a), np.sin(a)), 12))]) for a in angles]
+
+
+def _from_axes(candidate: Candidate, values: Sequence[float]) -> Hypothesis:
+    """Put a law with several amplitudes together from runs with one each."""
+    runs = []
+    for column, value in zip(candidate.columns, values, strict=True):
+        way = abs(column.value) if value > 0 else max(-abs(column.value), column.low)
+        if value != 0:
+            runs.append((((column, way),), float(value / way)))
+    return Hypothesis(candidate, tuple(map(float, values)), tuple(runs))
 
 
 def base_hypotheses(candidates: Sequence[Candidate]) -> list[Hypothesis]:

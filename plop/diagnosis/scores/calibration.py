@@ -6,9 +6,10 @@ real one is, over all laws and amplitudes (Westfall & Young 1993): that gives th
 the base misses and however it errs.
 
 The rank of the real way would be exact, but a law that only some of the episodes show is found again by all ways that
-exchange the others, and no effect is ever large enough. So what the strongest law does is taken off before (ter Braak
-1992); the scale of what is left is known from few episodes, and its uncertainty makes the tail that of Student's t. The
-benchmark counts how often a chance is small where nothing is hidden ("dealt_false_alarm").
+exchange the others, and no effect is ever large enough. So the scale is that of balanced ways, in which what is hidden
+is on both sides alike, as the residuals of a t test are orthogonal to its contrast, and what the strongest law does is
+taken off before (ter Braak 1992). The scale is known from few episodes, and its uncertainty makes the tail that of
+Student's t. The benchmark counts how often a chance is small where nothing is hidden ("dealt_false_alarm").
 """
 
 from __future__ import annotations
@@ -81,6 +82,13 @@ def between_repeats(here: np.ndarray, groups: Sequence[np.ndarray], ways: np.nda
     for k, group in enumerate(groups):
         motion[group] = k
     return ways_to_deal(here, [str(k) for k in motion], 0)
+
+
+def balanced(ways: np.ndarray) -> np.ndarray:
+    """Keep the ways that tell least of the real one, the first: as many of its episodes are on either side, [N, E]."""
+    apart = ways - ways.mean(1, keepdims=True)
+    shared = np.abs(apart @ apart[0])
+    return ways[shared <= shared.min() + _ROUNDING]
 
 
 def _count(here: np.ndarray, groups: Sequence[np.ndarray]) -> int:

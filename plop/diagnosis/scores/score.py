@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.evidence.contrast import Contrast, Products, roots
+from plop.diagnosis.evidence.amounts import Contrast
+from plop.diagnosis.evidence.contrast import Products, roots
 from plop.diagnosis.responses.hypotheses import Hypothesis
 
 _AS_GOOD = 0.02
@@ -22,9 +23,9 @@ class Score:
     hypothesis: Hypothesis
     products: Products
     amount: float
-    """Fitted, in units of the hypothesis's amplitudes; 0 where the recordings ask for the other way."""
-    typical: Contrast
-    """The mean of the amounts of single episodes, which is what is reported, with its standard error."""
+    """Mean over episodes, in units of the hypothesis's amplitudes; 0 where the recordings ask for the other way."""
+    direct: Callable[[], Contrast]
+    """Computes `directed`."""
     p: float
     """Chance that the search finds a law as strong as this one where nothing is hidden; see `Search.chance_of`."""
     gains: np.ndarray
@@ -44,6 +45,11 @@ class Score:
         """
         return self.explain()
 
+    @cached_property
+    def directed(self) -> Contrast:
+        """Amount with its standard error; of a law with two amplitudes, along the hypothesis's direction and across."""
+        return self.direct()
+
     @property
     def recorded(self) -> np.ndarray:
         """Gains of the episodes to explain, [H] [nats]."""
@@ -51,13 +57,26 @@ class Score:
 
     @property
     def strength(self) -> float:
-        """Sum of the roots of the gains: what ranks."""
+        """Sum of the roots of the gains: what ranks; see `Products.strength` for what is tested."""
         return float(roots(self.gains).sum())
 
     @property
     def values(self) -> tuple[float, ...]:
         """Fitted amplitudes."""
-        return tuple(max(self.typical.amount, 0.0) * value for value in self.hypothesis.values)
+        if self.amount == 0:
+            return tuple(0.0 * value for value in self.hypothesis.values)
+        return tuple(map(float, self._axes @ self.directed.amounts))
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Their standard errors."""
+        return np.asarray(np.sqrt(np.diag(self._axes @ self.directed.covariance @ self._axes.T)))
+
+    @property
+    def _axes(self) -> np.ndarray:
+        """Amplitudes of the hypothesis and, where both are known, those across, a column each."""
+        along = np.array(self.hypothesis.values)
+        return along[:, None] if len(self.directed.amounts) == 1 else np.array([along, [-along[1], along[0]]]).T
 
 
 def one_per_setting(scores: Sequence[Score]) -> list[Score]:

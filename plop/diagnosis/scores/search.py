@@ -8,13 +8,13 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from plop.diagnosis.evidence.contrast import Products, own_amounts, roots
+from plop.diagnosis.evidence.amounts import Contrast, own_amounts, typical
+from plop.diagnosis.evidence.contrast import Products, roots
 from plop.diagnosis.evidence.discrepancy import SPREAD, Field, Spread
 from plop.diagnosis.evidence.evidence import Evidence
 from plop.diagnosis.responses.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
 from plop.diagnosis.responses.table import Table
-from plop.diagnosis.rule import RULE
-from plop.diagnosis.scores.calibration import ByChance, between_repeats, strongest, ways_to_deal
+from plop.diagnosis.scores.calibration import ByChance, balanced, between_repeats, strongest, ways_to_deal
 from plop.diagnosis.scores.difference import Difference
 from plop.diagnosis.scores.score import Score
 from plop.diagnosis.scores.without_reference import chance_without_reference
@@ -44,8 +44,8 @@ class Search:
         self.tables, self.candidates = list(tables), list(candidates)
         self.here = np.repeat([True, False][: len(tables)], [len(table.episodes) for table in tables])
         self.evidence: list[Evidence] = [evidence for table in tables for evidence in table.evidence]
-        coarse = all(table.survey is not table.full for table in tables)
-        self.first = tuple(self._run([replace(h, coarse=coarse) for h in hypotheses_of(candidates)], base))
+        self._coarse = all(table.survey is not table.full for table in tables)
+        self.first = tuple(self._run([replace(h, coarse=self._coarse) for h in hypotheses_of(candidates)], base))
         self.hypotheses: list[Hypothesis] = list(self.first)
         columns = [self.response(hypothesis) for hypothesis in self._run(base)]
         shapes = [e.residual.shape for e in self.evidence]
@@ -96,8 +96,8 @@ class Search:
 
     @cached_property
     def law_ways(self) -> np.ndarray:
-        """Ways that give the scale of what chance finds of a law: between repeats, where every motion was repeated."""
-        return between_repeats(self.here, self.field.groups, self.ways)
+        """Balanced ways, by which chance is measured: between repeats, where every motion was repeated."""
+        return balanced(between_repeats(self.here, self.field.groups, self.ways))
 
     def beside(self, score: Score) -> Search:
         """Search what a law leaves that has been found: it is taken off the episodes to explain."""
@@ -226,15 +226,26 @@ class Search:
         return self._score(hypothesis, self.products([hypothesis])[0], p)
 
     def _score(self, hypothesis: Hypothesis, products: Products, p: float | None = None) -> Score:
-        alike = products.contrast(self.here)
-        amount, typical = max(alike.amount, 0.0), products.typical(alike, self.here, RULE.response_error)
+        alone = products.typical(self.here)
+        amount = max(alone.amount, 0.0)
         gains, amounts = (values[0] for values in products.held_out(self.here[None].astype(float)))
         if p is None:
             strength = float(roots(gains).sum())
             p = chance_without_reference(strength) if self.here.all() else self.chance_of(hypothesis.effect)
         size_m = amount * self.size_m(hypothesis)
         explained = partial(self._explained, hypothesis, amounts[self.here])
-        return Score(hypothesis, products, amount, typical, p, gains, int(self.here.sum()), size_m, explained)
+        directed = partial(self._directed, hypothesis, alone)
+        return Score(hypothesis, products, amount, directed, p, gains, int(self.here.sum()), size_m, explained)
+
+    def _directed(self, hypothesis: Hypothesis, alone: Contrast) -> Contrast:
+        """Fit a law with two amplitudes along its direction and across; give what is known already of any other law."""
+        across = hypothesis.across(self._coarse)
+        if across is None or alone.amount <= 0:
+            return alone
+        both = [self.response(hypothesis), self.response(across)]
+        columns = [np.stack([each.reshape(-1) for each in episode], 1) for episode in zip(*both, strict=True)]
+        found = typical(*self.field.multiplied(columns, self._residuals), self.here, self.field.repeats)
+        return found if np.isfinite(found.error) and found.amount > 0 else alone
 
     def size_m(self, hypothesis: Hypothesis) -> float:
         """RMS displacement that a hypothesis makes in the episodes to explain [m]."""
