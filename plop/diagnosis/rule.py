@@ -21,7 +21,8 @@ class DecisionRule:
     """Share of the difference to the reference that a law must take away, with nothing left that stands out, to be
     taken for what it is where something is there for certain and the law alone might be chance."""
     nothing: float = 0.3
-    """The share below which it is not named at all: what explains so little is not what is missing."""
+    """The share below which it is not named at all: what explains so little is not what is missing. Nor is a field that
+    predicts so little of what recordings show the measure of it."""
     response_error: float = 0.25
     """Standard deviation of how much too strongly or too weakly the engine responds to a law [-]: the same in all
     episodes, so that no scatter between them shows it (from runs where the truth is known, docs/results/parts.md). It

@@ -116,11 +116,29 @@ def test_two_hidden_laws_are_both_named():
         assert finding(found, name).parameters[key].value == pytest.approx(value, rel=0.15)
 
 
-def test_the_direction_of_a_pull_is_found_between_those_that_were_tried():
+def test_of_a_pull_that_shows_in_one_direction_only_that_much_is_found():
     found = Fields().diagnosed({"gx_m_s2": 0.8, "gy_m_s2": 0.5}, LAWS)
     assert found.verdict.named == ("tilt",)
     pull = finding(found, "tilt").parameters
     assert pull["gx_m_s2"].value + 0.5 * pull["gy_m_s2"].value == pytest.approx(0.8 + 0.5 * 0.5, rel=0.1)
+
+
+class Sideways(Fields):
+    """Pulls along x and along y do different things."""
+
+    def amounts(self, values: dict[str, float]) -> list[float]:
+        found = super().amounts({**values, "gy_m_s2": 0.0})
+        found[5] += values.get("gy_m_s2", 0.0)
+        return found
+
+
+def test_the_direction_of_a_pull_is_found_between_those_that_were_tried():
+    found = Sideways().diagnosed({"gx_m_s2": 0.8, "gy_m_s2": 0.5}, LAWS)
+    assert found.verdict.named == ("tilt",)
+    pull = finding(found, "tilt").parameters
+    for name, there in (("gx_m_s2", 0.8), ("gy_m_s2", 0.5)):
+        assert pull[name].value == pytest.approx(there, rel=0.1)
+        assert pull[name].low < there < pull[name].high
 
 
 def test_a_law_with_a_threshold_is_followed_to_the_amplitude_that_was_there():

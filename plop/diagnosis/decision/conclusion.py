@@ -234,11 +234,11 @@ def stands_out(search: Search, rule: DecisionRule = RULE) -> bool:
 def closed_by(before: Search, after: Search, rule: DecisionRule = RULE) -> float | None:
     """Share of the difference to the reference that goes away, held out; None where there is none to speak of.
 
-    It is measured as a smooth field where one stands out, else as the size of the error.
+    It is measured as a smooth field where one stands out and predicts enough of it, else as the size of the error.
     """
     if before.difference.p is None:
         return None
-    in_field = before.difference.field_p <= rule.alarm
+    in_field = before.difference.field_p <= rule.alarm and before.difference.common >= rule.nothing
     was, left = ((s.difference.gain if in_field else s.excess) for s in (before, after))
     return None if was <= 0 else float(1 - max(left, 0.0) / was)
 

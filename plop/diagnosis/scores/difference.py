@@ -64,6 +64,12 @@ class Difference:
         """Gain of log density by a field that is in the recordings alone, held out [nats]."""
         return float(self._unknown.held_out(self.here).sum())
 
+    @cached_property
+    def common(self) -> float:
+        """Share that such a field predicts of what a field of its own would explain in each recording [-]."""
+        alone = self._unknown.alone(self.here)
+        return self.gain / alone if alone > 0 else 0.0
+
     def alone(self, chance: float) -> list[str]:
         """Name the recordings that are explained far less well than any other of their motion."""
         return [self.evidence[k].name for k in outlying(self._misfits, self.here, self.kinds, chance)]

@@ -50,11 +50,18 @@ class Unknown:
         rows = np.tensordot(self.gram, z, (2, 0))  # E, X, X: what the field in all episodes does in each
         precision, onto = np.tensordot(z, rows, 1) + np.eye(wide), z @ self.onto
         gains = []
-        for e in np.flatnonzero(here):
-            own = np.linalg.pinv(self.gram[e, :, e], rcond=_SINGULAR, hermitian=True)
+        for e in np.flatnonzero(here).tolist():
+            own = self._own(e)
             # the episode is not there: its part of the covariance is taken out (Schur's complement)
             kept = precision - rows[e].T @ own @ rows[e]
             weights = np.linalg.solve(kept, onto - rows[e].T @ own @ self.onto[e])
             left = self.onto[e] - rows[e] @ weights
             gains.append(0.5 * float(self.onto[e] @ own @ self.onto[e] - left @ own @ left))
         return np.array(gains)
+
+    def alone(self, here: np.ndarray) -> float:
+        """Gain of log density in the episodes to explain by fields of their own, each fitted to itself [nats]."""
+        return float(sum(0.5 * self.onto[e] @ self._own(e) @ self.onto[e] for e in np.flatnonzero(here).tolist()))
+
+    def _own(self, e: int) -> np.ndarray:
+        return np.asarray(np.linalg.pinv(self.gram[e, :, e], rcond=_SINGULAR, hermitian=True))
