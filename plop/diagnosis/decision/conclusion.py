@@ -51,7 +51,7 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     findings = _findings(scores, rule)
     facts = _grounds(search, sensors)
     missing = facts.change_p is not None and facts.change_p <= rule.alarm
-    first = next((f for f in findings if f.stands), None)
+    first = _strongest(findings, rule)
     if first is None and missing:
         first, scores = _likely(search, scores, facts, rule)
     rivals = [] if first is None else _rivals(first, scores, rule)
@@ -74,6 +74,21 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     limits |= {c.effect: unseen(c.columns[0]) for c in search.candidates if c.effect not in limits}
     gains = {s.hypothesis.effect: s.gains for s in one_per_law(scores)}
     return Conclusion(verdict, ranked, limits, search, rivals, _dropped(search, scores), gains)
+
+
+def _strongest(findings: Sequence[Finding], rule: DecisionRule) -> Finding | None:
+    """Find the law that is there: where chance finds none as strong as some law, the one that explains most.
+
+    A chance says whether something is there, not what: of two laws that resemble each other, the one that explains less
+    may be the less likely by chance.
+    """
+    first = next((f for f in findings if f.stands), None)
+    if first is None or first.kind == "decoy":
+        return first
+    least = min(f.score.p for f in findings if f.stands)
+    likely = (f for f in findings if f.score.p <= rule.alike and f.kind != "decoy")
+    certain = (finding_of(replace(f.score, p=min(f.score.p, least)), [], rule) for f in likely)
+    return next((f for f in certain if f.stands), first)
 
 
 def _likely(
