@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterable
 from difflib import get_close_matches
 from functools import lru_cache
+from importlib.machinery import ModuleSpec, SourceFileLoader
 from pathlib import Path
 
 import plop.physics.effects as package
@@ -100,12 +101,13 @@ def load_effect_file(path: Path) -> list[EffectType]:
             found="no file",
             fix="Check the path of --effect-file; docs/how-to/write-an-effect.md has a template.",
         )
-    spec = importlib.util.spec_from_file_location(f"plop_user_effect_{path.stem}", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
+    loader = SourceFileLoader(f"plop_user_effect_{path.stem}", str(path))
+    module = importlib.util.module_from_spec(ModuleSpec(loader.name, loader, origin=str(path)))
+    module.__file__ = str(path)
+    sys.modules[loader.name] = module
     try:
-        spec.loader.exec_module(module)
+        # not `exec_module`: its bytecode is stale where a file was saved twice in a second
+        exec(loader.source_to_code(path.read_bytes(), str(path)), module.__dict__)
     except (Exception, SystemExit) as error:
         raise user_error(path, error) from error
     effects = _effects_of(module)

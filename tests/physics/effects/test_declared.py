@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -71,6 +73,15 @@ LIBRARY = library()
 @pytest.mark.parametrize("name", sorted(LIBRARY))
 def test_the_library_s_own_effects_declare_what_they_have_to(name):
     check_declared(LIBRARY[name], Path(inspect.getfile(LIBRARY[name])))
+
+
+def test_a_file_that_was_saved_twice_in_a_second_is_read_as_it_is(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    path = tmp_path / "mine.py"
+    for name in ("mine", "nine"):  # as long as the other
+        path.write_text(WHOLE.replace('"mine"', f'"{name}"'))
+        os.utime(path, (1e9, 1e9))
+        assert name in library([path])
 
 
 def test_a_law_may_inherit_what_it_declares(tmp_path):
