@@ -199,10 +199,11 @@ def test_gains_are_differences_of_log_density_given_all_others(seed, alone):
             def log_density(amount, scatter, others=others):
                 return density(single, amount, covariance + off**2 * np.outer(scatter, scatter) * alike, others)
 
-            law = log_density(total, scatter)
-            gain = law - log_density(fitted(less, others, 0.0)[0], 0 * single)
+            none = log_density(fitted(less, others, 0.0)[0], 0 * single)
+            gain = log_density(total, scatter) - none
             assert gains[row, e] == pytest.approx(gain if expected > 0 else 0.0, rel=1e-6, abs=1e-7)
-            tested[row, e] = (law - log_density(fitted(less, others)[0], without)) * (expected > 0)
+            rigid, (a, *_) = fitted(design, others, 0.0)
+            tested[row, e] = (log_density(rigid, 0 * single) - none) * (a > 0)
     assert one.strength(labels) == pytest.approx(roots(tested).sum(1), rel=1e-6, abs=1e-6)
 
 

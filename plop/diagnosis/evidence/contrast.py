@@ -72,7 +72,7 @@ class Products:
         """Predict each episode, of the reference, too, with the amounts that all others show.
 
         The hypothesis stands against the same without a, where s is the same in all episodes: what is in the reference,
-        too, is no gain.
+        too, is no gain. Amounts are fitted as if they scattered as those of a law at a = 1.
 
         Args:
             labels: Which episodes are to be explained, 0 or 1, [N, E]; N ways of dealing them out.
@@ -81,32 +81,29 @@ class Products:
             Gain of log density [nats], and the a that the others show in an episode to explain, 0 where it is negative;
             [N, E] each.
         """
-        law, _, amount = self._with_law(labels)
-        _, _, alike = _fitted(self.gram, self.onto, labels, self._own(self.gram))
-        gains = law - self._log_density(alike, 0.0 * amount, labels, np.zeros((1, 1)))
-        return np.where(self._tells & (amount > 0), gains, 0.0), amount * labels
+        off, size = RULE.response_error, len(self.onto)
+        unlike = np.linalg.inv(np.eye(size) + off**2 * self.gram @ self._repeats)
+        gram, onto = unlike @ self.gram, unlike @ self.onto
+        amount, shared, _ = _fitted(gram, onto, labels, self._own(gram))
+        of_law, of_all, _ = (each[:, :1] for each in _fitted(gram, onto, labels, np.full(size, np.inf)))
+        return self._gains(labels, shared, amount, off * (of_all + of_law * labels)), amount * labels
 
     def strength(self, labels: np.ndarray) -> np.ndarray:
         """Sum of the roots of the gains of all episodes, for N ways of dealing them out, [N]: what is tested.
 
-        Here what the hypothesis stands against may scatter between episodes, too: that it does so is no gain. Episodes
-        of the reference count as well: without a, what the others show of the law is expected in them, too.
+        Here amounts are the same in all episodes: that they scatter explains what a base misses, too, so that chance
+        would find more. Episodes of the reference count as well: without a, what the others show of the law is expected
+        in them, too.
         """
-        law, without, amount = self._with_law(labels)
-        return np.asarray(roots(np.where(self._tells & (amount > 0), law - without, 0.0)).sum(1))
+        amount, shared, _ = _fitted(self.gram, self.onto, labels, self._own(self.gram))
+        return np.asarray(roots(self._gains(labels, shared, amount, np.zeros((1, 1)))).sum(1))
 
-    def _with_law(self, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Give the log density of each episode, given all others, with and without a, and the a that these show.
-
-        Amounts are fitted as if they scattered as those of a law at a = 1.
-        """
-        off, size = RULE.response_error, len(self.onto)
-        unlike = np.linalg.inv(np.eye(size) + off**2 * self.gram @ self._repeats)
-        gram, onto = unlike @ self.gram, unlike @ self.onto
-        amount, shared, without = _fitted(gram, onto, labels, self._own(gram))
-        of_law, of_all, alone = (each[:, :1] for each in _fitted(gram, onto, labels, np.full(size, np.inf)))
-        law = self._log_density(shared, amount, labels, off * (of_all + of_law * labels))
-        return law, self._log_density(without, 0.0 * amount, labels, off * alone[:1]), amount
+    def _gains(self, labels: np.ndarray, shared: np.ndarray, amount: np.ndarray, scatter: np.ndarray) -> np.ndarray:
+        """Compare what s and a say of each episode with what one s says, the same in all; see `_log_density`."""
+        alike = _fitted(self.gram, self.onto, labels, self._own(self.gram))[2]
+        without = self._log_density(alike, 0.0 * amount, labels, np.zeros((1, 1)))
+        gains = self._log_density(shared, amount, labels, scatter) - without
+        return np.where(self._tells & (amount > 0), gains, 0.0)
 
     @property
     def _tells(self) -> np.ndarray:
