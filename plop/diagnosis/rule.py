@@ -25,9 +25,10 @@ class DecisionRule:
     predicts so little of what recordings show the measure of it."""
     response_error: float = 0.25
     """Standard deviation of how much too strongly or too weakly the engine responds to a law [-]: the same in all
-    episodes, so that no scatter between them shows it (from runs where the truth is known, docs/results/parts.md). It
-    widens intervals; a second law must do more than what is wrong with the response to the first; and what a law leaves
-    beyond that, where it stands out, is the work of another law."""
+    episodes, so that no scatter between them shows it, and as much again from motion to motion, by which laws are
+    ranked (from runs where the truth is known, docs/results/parts.md). It widens intervals; a second law must do more
+    than what is wrong with the response to the first; and what a law leaves beyond that, where it stands out, is the
+    work of another law."""
     seen: float = 0.9
     """How often an effect as large as a detection limit would have been named."""
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 
-from plop.diagnosis.evidence.amounts import own_amounts
+from plop.diagnosis.evidence.amounts import Contrast, contrast, own_amounts
 from plop.diagnosis.evidence.contrast import Products, roots
 from plop.diagnosis.evidence.discrepancy import SPREAD, Field, inducing_features, path_distances
 from plop.diagnosis.evidence.evidence import PATH_STEPS, Evidence
@@ -305,18 +305,22 @@ def test_amounts_that_differ_between_episodes_are_fitted_with_their_covariance()
     gram, onto, spread = root @ root.T, draw.normal(size=7) * 3, 0.4
     precision = np.linalg.inv(gram + spread**2 * gram @ gram)
     wanted = np.linalg.solve(design.T @ gram @ precision @ gram @ design, design.T @ gram @ precision @ onto)
-    assert Products(gram, onto).contrast(here, spread).amount == pytest.approx(wanted[0])
+    assert contrast(gram[:, None, :, None], onto[:, None], here, np.eye(7), spread).amount == pytest.approx(wanted[0])
     alike = np.linalg.solve(design.T @ gram @ design, design.T @ onto)
-    assert Products(gram, onto).contrast(here).amount == pytest.approx(alike[0])
+    assert contrast(gram[:, None, :, None], onto[:, None], here, np.eye(7)).amount == pytest.approx(alike[0])
 
 
 def test_two_motions_of_which_most_is_known_do_not_decide_alone_how_much_of_a_law_there_is():
     """They show 0.4 of it, and four others all of it: the mean is 0.8."""
     told, amounts = np.array([900.0] * 2 + [100.0] * 4), np.array([0.4] * 2 + [1.0] * 4)
     found, here = Products(np.diag(told), told * amounts), np.ones(6, bool)
+
+    def rigid(one: Products) -> Contrast:
+        return contrast(one.gram[:, None, :, None], one.onto[:, None], here, np.eye(6))
+
     typical = found.typical(here)
-    assert found.contrast(here).amount < 0.55
+    assert rigid(found).amount < 0.55
     assert 0.7 < typical.amount < 0.8 and 0.1 < typical.error < 0.25
     same, against = Products(np.diag(told), told * 0.7), Products(np.diag(told), -told * amounts)
-    assert same.typical(here).amount == pytest.approx(0.7) == same.contrast(here).amount
+    assert same.typical(here).amount == pytest.approx(0.7) == rigid(same).amount
     assert against.typical(here).amount < 0

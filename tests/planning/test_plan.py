@@ -128,7 +128,7 @@ def test_a_law_without_response_is_left_out_and_cannot_be_distinguished():
     assert "softening" in str(caught.value.where)
 
 
-def carried_out(world: World):
+def carried_out(world: World, fewer: int = 0):
     """Plan for a confounded verdict, record the planned motion, and diagnose again: the plan, and the new verdict."""
     hidden = {"viscosity": 200.0}
     here, reference = world.measured(1, hidden), world.measured(2, {})
@@ -141,7 +141,7 @@ def carried_out(world: World):
     assert best.change in (Change.SLOWER, Change.RESTING) and separation.settled >= 0.9 > separation.chance
     assert {c.change for c in separation.choices[:2]} <= {Change.SLOWER, Change.RESTING}
     like = next(e for e in reference.episodes if e.name == best.like)
-    count = separation.repeats
+    count = separation.repeats - fewer
     more, plain = world.again(like, best, count, hidden, 5), world.again(like, best, count, {}, 6)
     after = diagnose(
         Measured([*here.episodes, *more]),
@@ -161,10 +161,14 @@ class Unlike(Lasting):
 
 
 def test_the_planned_motion_settles_it_where_no_motion_was_repeated():
-    """It may ask for more recordings than are needed: in its draws, those that were made say what they said before."""
     found, verdict = carried_out(Unlike())
     assert (verdict.kind, verdict.named) == ("EFFECT", ("viscosity",)), verdict
     assert found.separation.repeats == 3
+
+
+@pytest.mark.xfail(strict=True, reason="since diagnose 69 one recording settles it: the plan asks for more than needed")
+def test_recorded_less_often_than_planned_the_laws_stay_confounded_though_each_shows_in_the_new_motion():
+    assert carried_out(Unlike(), fewer=2)[1].kind == "CONFOUNDED"
 
 
 def test_the_planned_motion_settles_what_was_confounded():

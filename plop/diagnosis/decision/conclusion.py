@@ -87,7 +87,7 @@ def _strongest(findings: Sequence[Finding], rule: DecisionRule) -> Finding | Non
         return first
     least = min(f.score.p for f in findings if f.stands)
     likely = (f for f in findings if f.score.p <= rule.alike and f.kind != "decoy")
-    certain = (finding_of(replace(f.score, p=min(f.score.p, least)), [], rule) for f in likely)
+    certain = (finding_of(replace(f.score, p=least), [], rule) for f in likely)
     return next((f for f in certain if f.stands), first)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from plop.diagnosis.rule import RULE
 
-_SINGULAR = 1e-9
+SINGULAR = 1e-9
+"""Of the largest, below which something tells nothing."""
 _ROUNDS = 5
 """In which a mean amount and the spread around it are found from each other."""
 
@@ -82,7 +83,7 @@ def typical(gram: np.ndarray, onto: np.ndarray, here: np.ndarray, repeats: np.nd
 
 def _regular(hessian: np.ndarray) -> bool:
     values = np.linalg.eigvalsh(hessian)
-    return bool(values[-1] > 0 and values[0] > _SINGULAR * values[-1])
+    return bool(values[-1] > 0 and values[0] > SINGULAR * values[-1])
 
 
 def own_amounts(gram: np.ndarray, onto: np.ndarray, here: np.ndarray) -> np.ndarray:

@@ -22,11 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.diagnosis.evidence.amounts import Contrast, contrast, typical
+from plop.diagnosis.evidence.amounts import SINGULAR, Contrast, typical
 from plop.diagnosis.rule import RULE
 from plop.statistics.heavy_tails import FREEDOM
-
-_SINGULAR = 1e-9
 
 
 def roots(gains: np.ndarray) -> np.ndarray:
@@ -55,10 +53,6 @@ class Products:
         """
         told = np.sqrt(np.diag(self.gram))
         return max(float(told.sum() ** 2 / max((told**2).sum(), 1e-300)) - 2.0, FREEDOM)
-
-    def contrast(self, here: np.ndarray, scatter: float = 0.0) -> Contrast:
-        """Fit a and, where some episodes are a reference, s; see `contrast`."""
-        return contrast(self.gram[:, None, :, None], self.onto[:, None], here, self._repeats, scatter)
 
     def typical(self, here: np.ndarray) -> Contrast:
         """Fit the mean of amounts that scatter in proportion to it; see `typical`."""
@@ -109,7 +103,7 @@ class Products:
     def _tells(self) -> np.ndarray:
         """Which episodes tell anything of the hypothesis, bool [E]."""
         own = np.diag(self.gram)
-        return np.asarray(own > _SINGULAR * max(float(own.sum()), 1e-300))
+        return np.asarray(own > SINGULAR * max(float(own.sum()), 1e-300))
 
     def _own(self, gram: np.ndarray) -> np.ndarray:
         """What each episode tells by itself, infinite where it is nothing, so that nothing is left out, [E]."""
@@ -154,7 +148,7 @@ def _fitted(
     """
     z, alone = labels, bool((labels > 0).all())
     row, pulled = gram.sum(1), labels @ gram
-    nothing = _SINGULAR * max(float(np.diag(gram).sum()), 1e-300)
+    nothing = SINGULAR * max(float(np.diag(gram).sum()), 1e-300)
     # [N, E]: products of s and a with each other and with the residuals, an episode not being there: its part of the
     # covariance is taken out (Schur's complement)
     aa, a = (pulled * z).sum(1)[:, None] - pulled**2 / own, (z @ onto)[:, None] - pulled * onto / own

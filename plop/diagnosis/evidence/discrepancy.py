@@ -133,9 +133,7 @@ class Field:
             responses: For each hypothesis, what it changes in every episode, [F, K, 3] [m] each.
             residuals: Of every episode, [F, K, 3] [m].
         """
-        count = len(residuals)
-        own = [np.stack([each[e].reshape(-1) for each in responses], 1) for e in range(count)]
-        gram, onto = self.multiplied(own, residuals)
+        gram, onto = self.multiplied(columns_of(responses), residuals)
         return [Products(gram[:, k, :, k], onto[:, k], self.repeats) for k in range(len(responses))]
 
     def multiplied(
@@ -201,6 +199,11 @@ class Field:
         onto = sum(left.T @ each.reshape(-1) for left, each in zip(self._base_left, displacements, strict=True))
         fitted = self._base_covariance @ onto
         return [each - (b @ fitted).reshape(each.shape) for each, b in zip(displacements, self._base, strict=True)]
+
+
+def columns_of(responses: Sequence[Sequence[np.ndarray]]) -> list[np.ndarray]:
+    """Give the responses of X hypotheses, [F, K, 3] in each episode, as columns [3 F K, X] of each episode."""
+    return [np.stack([each.reshape(-1) for each in episode], 1) for episode in zip(*responses, strict=True)]
 
 
 def inducing_features(episodes: Sequence[Evidence], seed: int = 0) -> list[np.ndarray]:

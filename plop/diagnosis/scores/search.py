@@ -10,7 +10,7 @@ import numpy as np
 
 from plop.diagnosis.evidence.amounts import Contrast, own_amounts, typical
 from plop.diagnosis.evidence.contrast import Products, roots
-from plop.diagnosis.evidence.discrepancy import SPREAD, Field, Spread
+from plop.diagnosis.evidence.discrepancy import SPREAD, Field, Spread, columns_of
 from plop.diagnosis.evidence.evidence import Evidence
 from plop.diagnosis.responses.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
 from plop.diagnosis.responses.table import Table
@@ -155,8 +155,7 @@ class Search:
         what all show, as if all episodes that tell of it had been free.
         """
         best, products = max(self._tried, key=lambda pair: self._found(pair[1]))
-        responses = [self.response(h) for h in self.first if h.effect == best.effect]
-        columns = [np.stack([each.reshape(-1) for each in episode], 1) for episode in zip(*responses, strict=True)]
+        columns = columns_of([self.response(h) for h in self.first if h.effect == best.effect])
         amounts = own_amounts(*self.field.multiplied(columns, self._residuals), self.here)
         changes = zip(self._residuals, columns, amounts, strict=True)
         left = [residual - (column @ amount).reshape(residual.shape) for residual, column, amount in changes]
@@ -242,8 +241,7 @@ class Search:
         across = hypothesis.across(self._coarse)
         if across is None or alone.amount <= 0:
             return alone
-        both = [self.response(hypothesis), self.response(across)]
-        columns = [np.stack([each.reshape(-1) for each in episode], 1) for episode in zip(*both, strict=True)]
+        columns = columns_of([self.response(hypothesis), self.response(across)])
         found = typical(*self.field.multiplied(columns, self._residuals), self.here, self.field.repeats)
         return found if np.isfinite(found.error) and found.amount > 0 else alone
 

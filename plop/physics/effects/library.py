@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable
 from difflib import get_close_matches
 from functools import lru_cache
-from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
 import plop.physics.effects as package
@@ -101,13 +101,13 @@ def load_effect_file(path: Path) -> list[EffectType]:
             found="no file",
             fix="Check the path of --effect-file; docs/how-to/write-an-effect.md has a template.",
         )
-    loader = SourceFileLoader(f"plop_user_effect_{path.stem}", str(path))
-    module = importlib.util.module_from_spec(ModuleSpec(loader.name, loader, origin=str(path)))
-    module.__file__ = str(path)
-    sys.modules[loader.name] = module
+    spec = importlib.util.spec_from_file_location(f"plop_user_effect_{path.stem}", path)
+    assert spec is not None and isinstance(spec.loader, SourceFileLoader)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
     try:
         # not `exec_module`: its bytecode is stale where a file was saved twice in a second
-        exec(loader.source_to_code(path.read_bytes(), str(path)), module.__dict__)
+        exec(spec.loader.source_to_code(path.read_bytes(), str(path)), module.__dict__)
     except (Exception, SystemExit) as error:
         raise user_error(path, error) from error
     effects = _effects_of(module)
