@@ -25,6 +25,8 @@ _BOTTOM_M = 0.001
 """A tool this close to its lowest place is there [m]."""
 _TOUCH_M = 0.002
 """A tool this close to the object touches it [m]."""
+_FAR = 10.0
+"""Distance of paths at which motions have nothing in common [object sizes]."""
 
 
 class Change(StrEnum):
@@ -138,6 +140,12 @@ def _usable(like: Episode, tool: ToolMotion) -> bool:
     distance = [float(tool_distance(tool, frame, like.points[0]).min()) for frame in range(len(tool.times))]
     recorded = float(tool_distance(like.tool, 0, like.points[0]).min())
     return distance[0] >= min(recorded, _TOUCH_M) and min(distance) < _TOUCH_M
+
+
+def elsewhere(motion: Motion, number: int) -> Motion:
+    """Let a motion have a path of its own, far from all others: what the base misses in it is unlike theirs."""
+    path = motion.evidence.tool_path + _FAR * (number + 1)
+    return replace(motion, evidence=replace(motion.evidence, tool_path=path))
 
 
 def as_expected(planned: Evidence, recorded: Evidence) -> Evidence:

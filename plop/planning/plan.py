@@ -19,15 +19,15 @@ from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
 from plop.planning.design import Design
 from plop.planning.engine_runs import recorded_motion, varied_motions, with_more
-from plop.planning.motions import Change, Motion
+from plop.planning.motions import Change, Motion, elsewhere
 from plop.planning.power import LawPower, powers
 from plop.planning.questions import SILENT, Question, answerable, found_by, pairs_of, typical_ones, with_all_laws
 from plop.planning.result import MotionChoice, Separation
-from plop.planning.separation import Gains, Pair, least_information, settled_chance
+from plop.planning.separation import Pair, least_information, settled_chance
 
 TWICE = 2
 """Recordings of a motion by which motions are compared: an episode is predicted from the others of its kind."""
-REPEATS = (2, 3, 4, 6)
+REPEATS = (1, 2, 3, 4, 6)
 """Recordings of one motion, in each set, that are tried."""
 BEST = 5
 """Motions that are tried with more recordings."""
@@ -129,18 +129,18 @@ def _with_separation(
 ) -> Planned:
     """Rank motions by the pairs that are most alike; see with all laws how often the best have to be recorded."""
     motions = found.motions
-    here = range(len(motions)) if wish.diagnosis is None else _diagnosed(motions, wish.diagnosis)
+    here = motions if wish.diagnosis is None else _diagnosed(motions, wish.diagnosis)
 
     def design(pairs: Sequence[Pair], motion: Motion | None, count: int, hidden: int | None = None) -> Design:
         few = _columns(pairs)
-        own = [replace(m, responses=tuple(m.responses[k] for k in few)) for m in motions]
+        own, explained = ([_with_only(few, m) for m in some] for some in (motions, here))
         more = [] if motion is None else [own[motions.index(motion)] if motion in motions else motion] * count
-        return Design([*(own[k] for k in here), *more], [*own, *(more if wish.again else [])], wish.seed, hidden)
+        return Design([*explained, *more], [*own, *(more if wish.again else [])], wish.seed, hidden)
 
     def settled(motion: Motion | None, count: int) -> float:
-        return settled_chance(partial(design, pairs, motion, count), _numbered(pairs), gains, rule)
+        return settled_chance(partial(design, pairs, motion, count), _numbered(pairs), rule)
 
-    recorded = Design([motions[k] for k in here], motions, wish.seed)
+    recorded = Design(here, motions, wish.seed)
     asked_for = pairs_of(asked, usable, recorded)
     few = [usable[k] for k in _columns(asked_for)]
     choices = [*motions, *varied_motions(table, motions, few, own, wish.vary, found.dropped)]
@@ -149,7 +149,6 @@ def _with_separation(
     ranked = sorted(scored, key=lambda entry: (-entry[0], entry[1].name))
     pairs = with_all_laws(asked_for, asked, usable, recorded)
     few = [usable[k] for k in _columns(pairs)]
-    gains = _found(wish.diagnosis, asked, few)
     best = [(value, with_more(table, motions, motion, few, own)) for value, motion in ranked[:BEST]]
     trials = []
     for count in REPEATS:
@@ -169,13 +168,9 @@ def _with_separation(
     return replace(found, separation=separation, best=chosen, choices=choices)
 
 
-def _found(diagnosis: Diagnosis | None, asked: Question, hypotheses: Sequence[Hypothesis]) -> dict[int, Gains]:
-    """Give the gains that a diagnosis found for the laws of hypotheses, by number; none of one law's settings."""
-    if diagnosis is None or len({hypothesis.effect for hypothesis in asked.hypotheses}) == 1:
-        return {}
-    rows = {k: diagnosis.row(hypothesis.effect) for k, hypothesis in enumerate(hypotheses)}
-    count = len(diagnosis.episodes)
-    return {k: (np.array(row.gains[:count]), np.array(row.gains[count:])) for k, row in rows.items() if row is not None}
+def _with_only(hypotheses: Sequence[int], motion: Motion) -> Motion:
+    """Keep the responses of some hypotheses."""
+    return replace(motion, responses=tuple(motion.responses[k] for k in hypotheses))
 
 
 def _numbered(pairs: Sequence[Pair]) -> list[Pair]:
@@ -207,9 +202,16 @@ def _unusable(table: Table, tried: Sequence[Hypothesis], usable: Sequence[Hypoth
     return why
 
 
-def _diagnosed(motions: Sequence[Motion], diagnosis: Diagnosis) -> list[int]:
-    """Give the motions of the recordings that were diagnosed: those of the same name, else as many in turn."""
-    named = {motion.name: k for k, motion in enumerate(motions)}
+def _diagnosed(motions: Sequence[Motion], diagnosis: Diagnosis) -> list[Motion]:
+    """Give the motions of the recordings that were diagnosed.
+
+    They are those of the same name, else as many in turn: elsewhere, where they repeat none of the reference.
+    """
+    named = {motion.name: motion for motion in motions}
     if set(diagnosis.episodes) <= named.keys():
         return [named[name] for name in diagnosis.episodes]
-    return [k % len(motions) for k in range(len(diagnosis.episodes))]
+    turns = [motions[k % len(motions)] for k in range(len(diagnosis.episodes))]
+    return [
+        motion if name in diagnosis.repeated else elsewhere(motion, k)
+        for k, (name, motion) in enumerate(zip(diagnosis.episodes, turns, strict=True))
+    ]

@@ -8,23 +8,20 @@ similar amount of B (Kullback & Leibler 1951) is
 The engine's responses are off by some share rho, so that rho^2 D(A, nothing) of it says nothing: a motion is as good as
 the least of D(A, B) - rho^2 D(A, nothing) over all pairs (Hunter & Reiner, Technometrics 7, 1965; Box & Hill,
 Technometrics 9, 1967). Whether a diagnosis would then call B worse is drawn, with the diagnosis's own rule, and with
-the weights that it would find where A is there; recordings that have been diagnosed are as they were found.
+the weights that it would find where A is there: of recordings that have been diagnosed, too, since new ones change what
+is expected in them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from plop.diagnosis.decision.finding import gains_worse
-from plop.diagnosis.evidence.contrast import roots
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.planning.design import DRAWS, Design
-
-Gains = tuple[np.ndarray, np.ndarray]
-"""Gain of each recording, and of each of the reference [nats]."""
 
 
 @dataclass(frozen=True)
@@ -66,46 +63,24 @@ def least_information(design: Design, pairs: Sequence[Pair], rule: DecisionRule 
     return min(information(design, pair, rule) for pair in pairs)
 
 
-def settled_chance(
-    designed: Callable[[int], Design], pairs: Sequence[Pair], found: Mapping[int, Gains] = {}, rule: DecisionRule = RULE
-) -> float:
-    """Give the chance that a diagnosis calls all rivals worse than the law that is there.
-
-    That is the law for which the chance is worst; where some recordings have been diagnosed, the one that explains them
-    best: were it another, what is recorded would speak against it.
+def settled_chance(designed: Callable[[int], Design], pairs: Sequence[Pair], rule: DecisionRule = RULE) -> float:
+    """Give the chance that a diagnosis calls all rivals worse than the law that is there, whichever that is: the least.
 
     Args:
         designed: Gives the recordings in which the law of a column is hidden.
         pairs: Laws and rivals.
-        found: By column, gains of the recordings that have been diagnosed: only those after them are drawn.
         rule: Margins.
     """
-    chances, truths = [], list(dict.fromkeys(pair.truth for pair in pairs))
-    if known := found.keys() & set(truths):
-        truths = [max(known, key=lambda k: float(roots(np.concatenate(found[k])).sum()))]
-    for truth in truths:
+    chances = []
+    for truth in dict.fromkeys(pair.truth for pair in pairs):
         design = designed(truth)
         labels, factors = design.here[None].astype(float), design.factors(rule)
         rivals = [pair.rival for pair in pairs if pair.truth == truth]
         settled = 0
         for draw in range(DRAWS):
             amount = float(factors[draw])
-            drawn = {k: design.products(draw, k, truth, amount).held_out(labels)[0][0] for k in (truth, *rivals)}
-            compared = (_recorded(drawn, design.here, found, (truth, rival)) for rival in rivals)
-            settled += drawn[truth].sum() > 0 and all(gains_worse(own, other, rule) for own, other in compared)
+            own, *others = (design.products(draw, k, truth, amount) for k in (truth, *rivals))
+            found, beside = own.held_out(labels)[0][0], [o for o in others if o.strength(labels)[0] > 0]
+            settled += found.sum() > 0 and all(gains_worse(found, o.held_out(labels)[0][0], rule) for o in beside)
         chances.append(settled / DRAWS)
     return min(chances)
-
-
-def _recorded(
-    drawn: Mapping[int, np.ndarray], here: np.ndarray, found: Mapping[int, Gains], columns: Sequence[int]
-) -> list[np.ndarray]:
-    """Put what was found before what is drawn, where it is known of all."""
-    if not set(columns) <= found.keys():
-        return [drawn[k] for k in columns]
-
-    def put_together(k: int) -> np.ndarray:
-        sets = zip(found[k], (drawn[k][here], drawn[k][~here]), strict=True)
-        return np.concatenate([np.concatenate([old, new[len(old) :]]) for old, new in sets])
-
-    return [put_together(k) for k in columns]

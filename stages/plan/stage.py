@@ -188,7 +188,7 @@ def check_inputs(inputs: Inputs, config: PlanConfig) -> None:
 
 STAGE = Stage(
     name="plan",
-    version=16,
+    version=17,
     help="Plan recordings: which laws would be seen, how many repeats, and the motion that distinguishes laws.",
     config=PlanConfig,
     inputs={

@@ -13,6 +13,7 @@ from plop.diagnosis.decision.result import Diagnosis, SensorFault
 from plop.diagnosis.decision.verdict import Reason, VerdictKind
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.responses.table import Measured
+from plop.diagnosis.rule import RULE
 from plop.diagnosis.scores.calibration import LEAST
 from plop.diagnosis.scores.search import Search
 from plop.errors import PlopError
@@ -328,6 +329,18 @@ def test_a_law_that_comes_near_to_a_verdict_is_told_with_the_motions_to_record_a
     names = [evidence.name for evidence in found.search.evidence[:6]]
     assert [name in told for name in names] == list(2 * gains >= gains.max())
     assert next_step(Fields().diagnosed({}, LAWS)).startswith("What would have been named")
+
+
+def test_a_difference_that_is_not_certain_is_described_with_motions_to_record_again():
+    """The alarm that is asked for is one that so few ways of dealing twelve episodes out cannot raise."""
+    found = conclude(Fields().diagnosed({"outside": 0.01}, LAWS).search, rule=replace(RULE, alarm=0.002))
+    verdict = found.verdict
+    assert verdict.kind == VerdictKind.NOTHING_DETECTABLE and verdict.evidence.change_p <= RULE.alike
+    assert "They may differ from the reference (p = 0.0" in verdict.text and "On average the object is" in verdict.text
+    told = next_step(found)
+    assert told.startswith("The recordings may differ") and verdict.evidence.description.motions[0].what in told
+    quiet = Fields().diagnosed({}, LAWS).verdict
+    assert quiet.evidence.change_p > RULE.alike and quiet.evidence.description is None
 
 
 def test_what_is_kept_can_be_read_again():

@@ -233,7 +233,7 @@ def test_a_camera_that_is_not_there_is_refused_before_anything_else(inputs, tmp_
     check_inputs({"recordings": inputs["recordings"]}, ReportConfig(camera="cam_00"))
 
 
-@pytest.mark.parametrize("content", ["{", "[]", '{"schema": 7}', '{"schema": 2, "verdict": {"kind": "EFFECT"}}'])
+@pytest.mark.parametrize("content", ["{", "[]", '{"schema": 8}', '{"schema": 2, "verdict": {"kind": "EFFECT"}}'])
 def test_a_diagnosis_that_cannot_be_read_is_refused_with_its_place(inputs, tmp_path, content):
     (tmp_path / "diagnosis.json").write_text(content)
     with pytest.raises(PlopError) as caught:

@@ -59,7 +59,8 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     if verdict is None:
         decoys = (first.name,) if first is not None and first.kind == "decoy" else ()
         kind = VerdictKind.NONE_OF_THESE if missing or decoys else VerdictKind.NOTHING_DETECTABLE
-        shown = search.difference.described() if missing else None
+        perhaps = facts.change_p is not None and facts.change_p <= rule.alike
+        shown = search.difference.described() if perhaps else None
         alone = () if missing or search.here.all() else tuple(search.difference.alone(rule.alarm))
         verdict = Verdict(kind, (), "", replace(facts, decoys=decoys, description=shown, alone=alone))
     if sensors:

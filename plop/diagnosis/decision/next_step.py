@@ -92,6 +92,11 @@ def _limits(found: Conclusion) -> str:
         )
     if near := _near(found):
         return near
+    if shown := found.verdict.evidence.description:
+        return (
+            f"The recordings may differ from the reference, by what is not known: record more motions like "
+            f"{shown.motions[0].what}, here and in the reference."
+        )
     laws = {f.name for f in found.findings if f.kind == "physics"}
     known = [
         (limit.displacement_m, name, limit)

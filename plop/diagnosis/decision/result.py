@@ -80,7 +80,7 @@ class Diagnosis(ResultFile):
 
     FILE: ClassVar[str] = "diagnosis.json"
     COMMAND: ClassVar[str] = "diagnose"
-    SCHEMA: ClassVar[int] = 7
+    SCHEMA: ClassVar[int] = 8
 
     verdict: Verdict
     ranking: tuple[Ranked, ...]
@@ -96,6 +96,8 @@ class Diagnosis(ResultFile):
     """In the reference recordings."""
     next_step: str
     episodes: tuple[str, ...]
+    repeated: tuple[str, ...]
+    """Those of the episodes that repeat a motion of the reference."""
     reference_episodes: tuple[str, ...]
     dropped: Mapping[str, str]
     """Episodes and laws that were left out, with the reason."""

@@ -72,7 +72,7 @@ class Grounds:
     reference: bool = True
     """There are recordings in which nothing is missing."""
     description: Description | None = None
-    """What the recordings show, where nothing of the library explains it."""
+    """What the recordings show, where nothing of the library explains it and they may differ from the reference."""
     alone: tuple[str, ...] = ()
     """Where nothing is found: recordings that are explained far less well than the others of their motion."""
     physics: VerdictKind | None = None

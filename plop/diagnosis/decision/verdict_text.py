@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from plop.diagnosis.decision.finding import Finding
 from plop.diagnosis.decision.verdict import Grounds, Verdict, VerdictKind
 from plop.diagnosis.evidence.description import description_text
+from plop.diagnosis.rule import RULE
 from plop.parameters import estimate_text, is_log_change, short_number
 
 
@@ -81,9 +82,13 @@ def _nothing(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] |
             + near
         )
     odd = f" Explained far less well than the others: {', '.join(facts.alone)}." if facts.alone else ""
+    perhaps = ""
+    if facts.description is not None:
+        chance = f"p = {short_number(facts.change_p or 0.0)}; {RULE.alarm:g} is asked for"
+        perhaps = f" They may differ from the reference ({chance}).{description_text(facts.description)}"
     if tried is None:
-        return f"No law of the library can be detected in these recordings.{odd}"
-    return f"None of the laws that were tried can be detected in these recordings: {', '.join(tried)}.{odd}"
+        return f"No law of the library can be detected in these recordings.{odd}{perhaps}"
+    return f"None of the laws that were tried can be detected in these recordings: {', '.join(tried)}.{odd}{perhaps}"
 
 
 def _none(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] | None) -> str:
