@@ -1,9 +1,9 @@
 """Plans, scored by carrying them out: does the planned motion settle what was confounded, and does a random one?
 
 Each case hides a law of the library in recordings that repeat the motions of a reference, follows points of the surface
-with noise, and diagnoses. Where the verdict is CONFOUNDED, `plan` chooses a motion and how often to record it; that
-motion, and one drawn at random from the same family, are simulated with the hidden law and in the reference as often,
-added, and diagnosed again. The world is the engine at another resolution and with another elastic law than the
+with noise, and diagnoses. Where that leaves laws undistinguished, `plan` chooses a motion and how often to record it;
+that motion, and one drawn at random from the same family, are simulated with the hidden law and in the reference as
+often, added, and diagnosed again. The world is the engine at another resolution and with another elastic law than the
 diagnosing one, which is fitted to the reference.
 
 `run` makes the cases that are lacking and can be stopped at any time; `score` counts the rows into
@@ -29,7 +29,6 @@ from benchmarks.missing_physics.makers import NOISE_M
 from benchmarks.missing_physics.rates import proportion
 from plop.artifacts.atomic_file import write_json
 from plop.diagnosis.decision.conclusion import Conclusion
-from plop.diagnosis.decision.verdict import VerdictKind
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.responses.runs import Runs
 from plop.diagnosis.responses.table import Measured
@@ -160,7 +159,7 @@ class Plans:
             "verdict": found.verdict.kind,
             "named": list(found.verdict.named),
         }
-        if found.verdict.kind == VerdictKind.CONFOUNDED:
+        if found.verdict.evidence.alternatives:
             kept = diagnosis_of(found, self.types, None, {})
             made = plan(Measured(reference), self.engine, self.types, self.runs, Wish(diagnosis=kept), effects=LAWS)
             row |= self._settled(case, here, reference, made)
@@ -187,7 +186,7 @@ class Plans:
                 "change": motion.change,
                 "verdict": found.verdict.kind,
                 "named": named,
-                "unique": found.verdict.kind != VerdictKind.CONFOUNDED and len(named) == 1,
+                "unique": not found.verdict.evidence.alternatives and len(named) == 1,
                 "right": named == [case.hidden.name],
             }
         return row

@@ -68,18 +68,20 @@ class Design:
         found[:, pivots - 1] = drawn @ np.tril(root)[:, :rank].T
         return found.reshape(DRAWS, count, wide)
 
-    def products(self, draw: int, hypothesis: int, hidden: int | None = None, amount: float = 0.0) -> Products:
+    def products(
+        self, draw: int, hypothesis: int, hidden: int | None = None, amount: float | np.ndarray = 0.0
+    ) -> Products:
         """Give what a draw says of a hypothesis.
 
         Args:
             draw: Which.
             hypothesis: Its column.
             hidden: Column of a law that is there in the recordings to explain; None: nothing is.
-            amount: How much of it.
+            amount: How much of it, in all or in each episode, [E].
         """
         onto = self.draws[draw][:, hypothesis]
         if hidden is not None:
-            onto = onto + amount * self.gram[:, hypothesis, :, hidden] @ self.here.astype(float)
+            onto = onto + self.gram[:, hypothesis, :, hidden] @ (amount * self.here)
         return Products(self.gram[:, hypothesis, :, hypothesis], onto, self._repeats)
 
     @cached_property
@@ -100,6 +102,12 @@ class Design:
         """How much more strongly an object responds than the engine says, in each draw, [DRAWS] [-]."""
         drawn = np.random.default_rng(self._seed + 1).normal(1.0, rule.response_error, DRAWS)
         return np.asarray(np.maximum(drawn, 0.0))
+
+    def amounts(self, rule: DecisionRule) -> np.ndarray:
+        """The same in each episode: from motion to motion it scatters by as much again, [DRAWS, E] [-]."""
+        motion = np.maximum(self._repeats, np.eye(len(self.here))).argmax(1)
+        drawn = np.random.default_rng(self._seed + 2).normal(1.0, rule.response_error, (DRAWS, len(motion)))
+        return np.asarray(self.factors(rule)[:, None] * drawn[:, motion])
 
 
 def _with(motion: Motion, column: int) -> Motion:

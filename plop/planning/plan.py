@@ -138,7 +138,7 @@ def _with_separation(
         return Design([*explained, *more], [*own, *(more if wish.again else [])], wish.seed, hidden)
 
     def settled(motion: Motion | None, count: int) -> float:
-        return settled_chance(partial(design, pairs, motion, count), _numbered(pairs), rule)
+        return settled_chance(partial(design, pairs, motion, count), _numbered(pairs), gains, rule)
 
     recorded = Design(here, motions, wish.seed)
     asked_for = pairs_of(asked, usable, recorded)
@@ -149,6 +149,7 @@ def _with_separation(
     ranked = sorted(scored, key=lambda entry: (-entry[0], entry[1].name))
     pairs = with_all_laws(asked_for, asked, usable, recorded)
     few = [usable[k] for k in _columns(pairs)]
+    gains = _found(wish.diagnosis, asked, few)
     best = [(value, with_more(table, motions, motion, few, own)) for value, motion in ranked[:BEST]]
     trials = []
     for count in REPEATS:
@@ -171,6 +172,17 @@ def _with_separation(
 def _with_only(hypotheses: Sequence[int], motion: Motion) -> Motion:
     """Keep the responses of some hypotheses."""
     return replace(motion, responses=tuple(motion.responses[k] for k in hypotheses))
+
+
+def _found(diagnosis: Diagnosis | None, asked: Question, hypotheses: Sequence[Hypothesis]) -> dict[int, np.ndarray]:
+    """Give the gains of recordings that a diagnosis found for the laws of hypotheses, by number.
+
+    None of one law's settings, of which only the best was kept.
+    """
+    if diagnosis is None or len({hypothesis.effect for hypothesis in asked.hypotheses}) == 1:
+        return {}
+    rows = {k: diagnosis.row(hypothesis.effect) for k, hypothesis in enumerate(hypotheses)}
+    return {k: np.array(row.gains[: len(diagnosis.episodes)]) for k, row in rows.items() if row is not None}
 
 
 def _numbered(pairs: Sequence[Pair]) -> list[Pair]:

@@ -126,13 +126,15 @@ def _limit(law: LawPower) -> str:
 
 
 def _separated(found: Separation) -> str:
+    laws, count = " from ".join(found.laws), len(found.choices)
     left = f"(without, in {100 * found.chance:.0f} %)"
-    often = f"Recorded {_often(found.repeats)} it tells in {100 * found.settled:.0f} % of cases {left}"
-    start = (
-        f"Of {len(found.choices)} motions, '{found.motion}' distinguishes {' from '.join(found.laws)} with the fewest "
-        f"recordings. {often}"
+    often = f"recorded {_often(found.repeats)} it tells in {100 * found.settled:.0f} % of cases {left}"
+    if found.settled >= RULE.seen:
+        return f"Of {count} motions, '{found.motion}' distinguishes {laws} with the fewest recordings: {often}."
+    return (
+        f"None of {count} motions distinguishes {laws} nine times in ten, recorded as often as was tried. "
+        f"'{found.motion}' comes nearest: {often}, so that they may well stay confounded."
     )
-    return f"{start}." if found.settled >= RULE.seen else f"{start}: they may well stay confounded."
 
 
 def _record(kept: Plan, diagnosed: bool) -> str:

@@ -8,13 +8,13 @@ similar amount of B (Kullback & Leibler 1951) is
 The engine's responses are off by some share rho, so that rho^2 D(A, nothing) of it says nothing: a motion is as good as
 the least of D(A, B) - rho^2 D(A, nothing) over all pairs (Hunter & Reiner, Technometrics 7, 1965; Box & Hill,
 Technometrics 9, 1967). Whether a diagnosis would then call B worse is drawn, with the diagnosis's own rule, and with
-the weights that it would find where A is there: of recordings that have been diagnosed, too, since new ones change what
-is expected in them.
+the weights that it would find where A is there. What has been found in recordings stays; what is expected in the
+reference changes with new ones, so that it is drawn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,24 +63,40 @@ def least_information(design: Design, pairs: Sequence[Pair], rule: DecisionRule 
     return min(information(design, pair, rule) for pair in pairs)
 
 
-def settled_chance(designed: Callable[[int], Design], pairs: Sequence[Pair], rule: DecisionRule = RULE) -> float:
+def settled_chance(
+    designed: Callable[[int], Design],
+    pairs: Sequence[Pair],
+    found: Mapping[int, np.ndarray] = {},
+    rule: DecisionRule = RULE,
+) -> float:
     """Give the chance that a diagnosis calls all rivals worse than the law that is there, whichever that is: the least.
 
     Args:
         designed: Gives the recordings in which the law of a column is hidden.
         pairs: Laws and rivals.
+        found: By column, gains of the first recordings, which have been diagnosed [nats].
         rule: Margins.
     """
     chances = []
     for truth in dict.fromkeys(pair.truth for pair in pairs):
         design = designed(truth)
-        labels, factors = design.here[None].astype(float), design.factors(rule)
+        labels, amounts = design.here[None].astype(float), design.amounts(rule)
         rivals = [pair.rival for pair in pairs if pair.truth == truth]
         settled = 0
         for draw in range(DRAWS):
-            amount = float(factors[draw])
-            own, *others = (design.products(draw, k, truth, amount) for k in (truth, *rivals))
-            found, beside = own.held_out(labels)[0][0], [o for o in others if o.strength(labels)[0] > 0]
-            settled += found.sum() > 0 and all(gains_worse(found, o.held_out(labels)[0][0], rule) for o in beside)
+            drawn = {k: design.products(draw, k, truth, amounts[draw]) for k in (truth, *rivals)}
+            gains = {k: products.held_out(labels)[0][0] for k, products in drawn.items()}
+            seen = [k for k in rivals if drawn[k].strength(labels)[0] > 0]
+            compared = (_recorded(gains, found, (truth, rival)) for rival in seen)
+            settled += gains[truth].sum() > 0 and all(gains_worse(own, other, rule) for own, other in compared)
         chances.append(settled / DRAWS)
     return min(chances)
+
+
+def _recorded(
+    drawn: Mapping[int, np.ndarray], found: Mapping[int, np.ndarray], columns: Sequence[int]
+) -> list[np.ndarray]:
+    """Put what was found in the first recordings in place of what is drawn, where it is known of all columns."""
+    if not {*columns} <= found.keys():
+        return [drawn[k] for k in columns]
+    return [np.concatenate([found[k], drawn[k][len(found[k]) :]]) for k in columns]

@@ -121,7 +121,8 @@ def amplitudes_of(score: Score, rule: DecisionRule = RULE, curve: Curve = Curve(
         below, above = (curve.amplitude(1 + share) - 1 for share in (-float(width), float(width)))
         away = np.copysign(size, value)
         ends = sorted((value + below * away, value + above * away))
-        low, high, inside = (float(np.clip(v, column.low, column.high)) for v in (*ends, value))
+        # -0 is 0
+        low, high, inside = (float(np.clip(v, column.low, column.high)) + 0.0 for v in (*ends, value))
         found[column.amplitude] = Estimate(inside, low, high, column.unit, bool(at_bound))
     return found
 
