@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plop.diagnosis.decision.finding import gains_worse
+from plop.diagnosis.evidence.contrast import roots
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.planning.design import DRAWS, Design
 
@@ -84,11 +85,11 @@ def settled_chance(
         rivals = [pair.rival for pair in pairs if pair.truth == truth]
         settled = 0
         for draw in range(DRAWS):
-            drawn = {k: design.products(draw, k, truth, amounts[draw]) for k in (truth, *rivals)}
-            gains = {k: products.held_out(labels)[0][0] for k, products in drawn.items()}
-            seen = [k for k in rivals if drawn[k].strength(labels)[0] > 0]
-            compared = (_recorded(gains, found, (truth, rival)) for rival in seen)
-            settled += gains[truth].sum() > 0 and all(gains_worse(own, other, rule) for own, other in compared)
+            drawn = {k: design.products(draw, k, truth, amounts[draw]).held_out(labels)[0][0] for k in (truth, *rivals)}
+            compared = [_recorded(drawn, found, (truth, rival)) for rival in rivals]
+            settled += all(
+                own.sum() > 0 and (roots(other).sum() <= 0 or gains_worse(own, other, rule)) for own, other in compared
+            )
         chances.append(settled / DRAWS)
     return min(chances)
 

@@ -18,7 +18,7 @@ from plop.planning.design import DRAWS, Design
 from plop.planning.motions import Change
 from plop.planning.plan import Planned, Wish, plan
 from plop.planning.protocol import plan_of
-from plop.planning.separation import Pair, information
+from plop.planning.separation import Pair, information, settled_chance
 from stages.diagnose.outcome import diagnosis_of
 from tests.support.coarse_episodes import BASE, coarse_episode
 from tests.support.diagnoses import diagnosis, ranked, verdict
@@ -233,3 +233,16 @@ def test_draws_have_the_covariance_of_the_products_and_information_is_the_least_
     best = minimize(left, [0.5, 0.5], bounds=[(0, None), (None, None)]).fun
     alone = minimize(lambda s: float((z - s) @ a @ (z - s)) / scale, [0.0]).fun
     assert information(design, pair) == pytest.approx(0.5 * scale * (best - 0.0625 * alone), abs=1e-3 * scale)
+
+
+def test_what_was_found_in_recordings_stays_and_is_not_drawn():
+    """The motions do not distinguish the pair: only what was found does."""
+    found = planned(Lasting(), Wish(most=1))
+    design, pair = Design(found.motions, found.motions), Pair(0, 1)
+    strong, weak = np.full(design.here.sum(), 1e6), np.ones(design.here.sum())
+
+    def chance(truth, rival):
+        return settled_chance(lambda k: design, [pair], {pair.truth: truth, pair.rival: rival})
+
+    assert chance(strong, weak) > 0.9
+    assert chance(strong, strong) == chance(weak, strong) == settled_chance(lambda k: design, [pair]) == 0
