@@ -217,13 +217,10 @@ def _unusable(table: Table, tried: Sequence[Hypothesis], usable: Sequence[Hypoth
 def _diagnosed(motions: Sequence[Motion], diagnosis: Diagnosis) -> list[Motion]:
     """Give the motions of the recordings that were diagnosed.
 
-    They are those of the same name, else as many in turn: elsewhere, where they repeat none of the reference.
+    They are those that they repeat; others are like as many in turn, elsewhere.
     """
-    named = {motion.name: motion for motion in motions}
-    if set(diagnosis.episodes) <= named.keys():
-        return [named[name] for name in diagnosis.episodes]
-    turns = [motions[k % len(motions)] for k in range(len(diagnosis.episodes))]
-    return [
-        motion if name in diagnosis.repeated else elsewhere(motion, k)
-        for k, (name, motion) in enumerate(zip(diagnosis.episodes, turns, strict=True))
-    ]
+    named, repeats, found = {motion.name: motion for motion in motions}, diagnosis.repeats, list[Motion]()
+    for k, name in enumerate(diagnosis.episodes):
+        turn = motions[k % len(motions)]
+        found.append(named.get(repeats[name], turn) if name in repeats else elsewhere(turn, k))
+    return found

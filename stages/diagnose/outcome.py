@@ -35,7 +35,7 @@ def diagnosis_of(
     facts, search = found.verdict.evidence, found.search
     names = [evidence.name for evidence in search.evidence]
     count = int(search.here.sum())
-    again = search.field.repeats[:count, count:].sum(1) > 0
+    same = search.field.repeats[:count, count:]
     return Diagnosis(
         verdict=found.verdict,
         ranking=tuple(_row(finding, types, found.gains[finding.name]) for finding in found.findings),
@@ -46,7 +46,7 @@ def diagnosis_of(
         floor=facts.floor,
         next_step=next_step(found, sensors or ()),
         episodes=tuple(names[:count]),
-        repeated=tuple(names[k] for k in np.flatnonzero(again)),
+        repeats={names[k]: names[count + int(row.argmax())] for k, row in enumerate(same) if row.any()},
         reference_episodes=tuple(names[count:]),
         dropped={**left_out, **found.dropped},
         environment=environment,

@@ -85,7 +85,7 @@ def test_the_hidden_effect_is_named_with_everything_that_speaks_for_it(facts):
         "floor",
         "next_step",
         "episodes",
-        "repeated",
+        "repeats",
         "reference_episodes",
         "dropped",
         "environment",

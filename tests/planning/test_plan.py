@@ -167,6 +167,20 @@ def test_the_planned_motion_settles_it_where_no_motion_was_repeated(law):
     assert found.separation.repeats == 1
 
 
+def test_a_recording_with_the_name_of_one_of_the_reference_is_no_repeat_of_it():
+    world = Unlike()
+    reference = world.measured(2, {})
+    here = world.measured(1, {"viscosity": 200.0})
+    first = diagnose(here, BASE, library(), world.run, reference=reference, effects=LAWS)
+    kept = diagnosis_of(first, library(), (), {}, environment="box")
+    assert not kept.repeats
+    other, same = (
+        plan(reference, BASE, library(), world.run, Wish(diagnosis=replace(kept, episodes=names))).separation
+        for names in (kept.episodes, kept.reference_episodes)
+    )
+    assert same == other and same.repeats == 1
+
+
 def test_recorded_once_less_than_planned_the_laws_stay_confounded():
     assert carried_out(Lasting(), fewer=1)[1].kind == "CONFOUNDED"
 
@@ -202,7 +216,8 @@ def test_settings_that_fit_equally_well_are_distinguished():
         "ratio": Estimate(0.8, 0.7, 0.9),
         "tau_s": Estimate(0.05, alternatives=(0.2,), fitted=False, unit="s"),
     }
-    open_ = diagnosis(verdict("EFFECT", "relaxation"), ranked("relaxation", parameters), episodes=("box_020",) * 6)
+    said, again = ranked("relaxation", parameters), {"episodes": ("box_020",) * 6, "repeats": {"box_020": "box_020"}}
+    open_ = diagnosis(verdict("EFFECT", "relaxation"), said, **again)
 
     def amounts(values):
         return [values.get("relaxation", 0.0)]

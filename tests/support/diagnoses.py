@@ -50,7 +50,7 @@ def diagnosis(said: Verdict, *ranking: Ranked, **changes: Any) -> Diagnosis:
         "floor": 1.1,
         "next_step": "",
         "episodes": ("box_000",),
-        "repeated": (),
+        "repeats": {},
         "reference_episodes": (),
         "dropped": {},
         "environment": "box",

@@ -96,8 +96,8 @@ class Diagnosis(ResultFile):
     """In the reference recordings."""
     next_step: str
     episodes: tuple[str, ...]
-    repeated: tuple[str, ...]
-    """Those of the episodes that repeat a motion of the reference."""
+    repeats: Mapping[str, str]
+    """Episode -> one of the reference with the same motion, where there is one."""
     reference_episodes: tuple[str, ...]
     dropped: Mapping[str, str]
     """Episodes and laws that were left out, with the reason."""
