@@ -29,6 +29,10 @@ motions = ["push", "hold", "cut-push"]
 texture = "dough"
 depth_noise_m = 0.0005
 
+[ingest.mesh.cameras]
+texture = "dough"
+depth_noise_m = 0.0005
+
 [fit-init]
 steps = 500
 virtual_views = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -111,5 +112,10 @@ class Meshes:
             for k in numbers:
                 write_mesh_sequence(part, replace(maker.sequence(k, hidden), name=f"{name}_{k:03d}"))
             part.rename(raw)
-        self.loop.plop("ingest", "mesh", str(raw), "--name", f"raw-{name}")
+        # with noise of its own: a repeated motion is not the same recording
+        self.loop.plop("ingest", "mesh", str(raw), "--name", f"raw-{name}", "--seed", str(_seed(name)))
         self.loop.plop("calibrate", "--recordings", f"raw-{name}", "--name", name)
+
+
+def _seed(name: str) -> int:
+    return zlib.crc32(name.encode())

@@ -91,6 +91,8 @@ def test_meshes_of_another_simulator_are_filmed_once_and_their_answer_is_opened_
     assert made == [(k, {}) for k in range(6)] + [(k, found[0]) for k in range(6)]
     films = ["ingest", "calibrate"]
     assert [words[0] for words in typed] == [*films, "identify", *films, "diagnose"]
+    seeds = [words[words.index("--seed") + 1] for words in typed if "mesh" in words]
+    assert len({*seeds}) == 2, "a repeated motion has noise of its own"
     assert row["truth"] == found[1] and row["snr"] == 3.0 and row["group"] == "single"
     raw = tmp_path / "w" / "drake-cameras-7" / "raw"
     assert len([*(raw / one.name).glob("*.npz")]) == 6 == len([*(raw / "plain").glob("*.npz")])
