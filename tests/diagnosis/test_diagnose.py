@@ -197,6 +197,17 @@ def test_laws_that_do_the_same_are_confounded_and_a_plan_is_advised():
     assert "plop plan --diagnosis" in next_step(found) and "viscosity" in next_step(found)
 
 
+def test_laws_that_are_one_in_every_motion_want_another_measurement_not_another_motion():
+    class Same(Alike):
+        def amounts(self, values):
+            found = super().amounts(values)
+            return [*found[:2], 0.0, *found[3:]]
+
+    found = Same().diagnosed({"swelling": 0.06}, ["swelling", "viscosity"])
+    assert found.verdict.kind == "CONFOUNDED" and {*found.verdict.named} == {"swelling", "viscosity"}, found.verdict
+    assert "do the same in every motion" in next_step(found) and "plop plan" not in next_step(found)
+
+
 def test_a_law_that_does_as_well_is_an_alternative_though_its_own_chance_is_not_as_small(monkeypatch):
     """Once a law is certain, something is there, and what else it may be needs the chance for that only."""
     search, own = Alike().diagnosed({"swelling": 0.06}, ["swelling", "viscosity"]).search, Search.chance_of

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from plop.diagnosis.decision.conclusion import Conclusion
 from plop.diagnosis.decision.result import SensorFault
 from plop.diagnosis.decision.verdict import Verdict, VerdictKind
@@ -14,6 +16,8 @@ from plop.sensors.faults.clock_offset import ClockOffset
 
 _EASIEST = 3
 """Laws whose limits are given where nothing was found."""
+_SAME = 0.001
+"""Gains that differ by less differ by the engine's arithmetic alone: laws that only resemble each other differ more."""
 _PLAN = "`plop plan --diagnosis diagnose@latest`"
 _REPEAT = "repeat the motions of the reference recordings: what the model misses anyway then cancels"
 
@@ -31,10 +35,21 @@ def next_step(found: Conclusion, sensors: Sequence[SensorFault] = ()) -> str:
             "(docs/how-to/write-an-effect.md) and try it: `plop diagnose --effect-file FILE`."
         )
     if verdict.evidence.alternatives:
+        if _equal(found):
+            return (
+                f"{' and '.join(verdict.named)} do the same in every motion, so that no recording of it distinguishes "
+                "them; a measurement of another kind does, as weighing the object distinguishes stiffness and density."
+            )
         laws = " from ".join((verdict.named[0], " and ".join(verdict.evidence.alternatives)))
         return f"{_PLAN} names the motion that distinguishes {laws}, and how often to record it."
     unsettled = f" Its setting is not determined: {_PLAN} names the motion that would." if found.rivals else ""
     return _added(verdict) + unsettled
+
+
+def _equal(found: Conclusion) -> bool:
+    """Tell whether all that is named does the same in each recording, but for the arithmetic."""
+    first, *others = (found.gains[law] for law in found.verdict.named)
+    return all(np.allclose(first, other, rtol=_SAME, atol=_SAME * np.abs(first).max()) for other in others)
 
 
 def _repaired(sensors: Sequence[SensorFault]) -> str:
