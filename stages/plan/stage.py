@@ -104,6 +104,7 @@ def run(inputs: Inputs, config: PlanConfig, out: Output) -> Summary:
         announce=runs.begin,
     )
     runs.forget()
+    warnings += _at_the_end(_diagnosis(inputs))
     found.dropped.update(left_out)
     kept = plan_of(found, diagnosed="diagnosis" in inputs, again=config.again, environment=recordings.environment)
     write_plan(kept, found.best, out.path)
@@ -143,6 +144,18 @@ def _files(inputs: Inputs) -> tuple[str, ...]:
 
 def _diagnosis(inputs: Inputs) -> Diagnosis | None:
     return Diagnosis.load(inputs["diagnosis"].path) if "diagnosis" in inputs else None
+
+
+def _at_the_end(diagnosis: Diagnosis | None) -> list[str]:
+    """Warn of laws that were found at the end of their range: the law that is there is not the one that is drawn."""
+    named = [] if diagnosis is None else diagnosis.named
+    laws = [row.effect for row in named if any(estimate.at_bound for estimate in row.parameters.values())]
+    if not laws:
+        return []
+    return [
+        f"{' and '.join(laws)}: found at the end of the range, so that there may be more of it, or another setting, "
+        "than the library holds; the chance to settle it is less than stated."
+    ]
 
 
 def check(config: PlanConfig, given: Mapping[str, str | Path]) -> None:
@@ -188,7 +201,7 @@ def check_inputs(inputs: Inputs, config: PlanConfig) -> None:
 
 STAGE = Stage(
     name="plan",
-    version=17,
+    version=18,
     help="Plan recordings: which laws would be seen, how many repeats, and the motion that distinguishes laws.",
     config=PlanConfig,
     inputs={

@@ -33,9 +33,9 @@ def inputs(folder: Path) -> Inputs:
     return {**write_recordings(folder, 4), "model": write_engine(folder / "model")}
 
 
-def given(folder: Path, kind: str, *named: str, environment: str = "block") -> Input:
+def given(folder: Path, kind: str, *named: str, environment: str = "block", at_bound: bool = False) -> Input:
     """Write a diagnosis."""
-    parameters = {"d_mu": Estimate(0.5, 0.4, 0.6, "-")}
+    parameters = {"d_mu": Estimate(0.5, 0.4, 0.6, "-", at_bound)}
     rows = [ranked(name, parameters) for name in named]
     made = diagnosis(verdict(kind, *named, alternatives=named[1:]), *rows, environment=environment)
     folder.mkdir()
@@ -67,11 +67,19 @@ def test_a_plan_is_written_read_again_and_remade_without_the_engine(inputs, tmp_
 def test_what_a_diagnosis_leaves_open_is_planned(inputs, tmp_path):
     found = given(tmp_path / "verdict", "CONFOUNDED", "table_friction", "blade_friction")
     (tmp_path / "out").mkdir()
-    run({**inputs, "diagnosis": found}, replace(CONFIG, between=()), Output(tmp_path / "out"))
+    made = run({**inputs, "diagnosis": found}, replace(CONFIG, between=()), Output(tmp_path / "out"))
     kept = Plan.load(tmp_path / "out")
+    assert not [warning for warning in made.warnings if "end of the range" in warning]
     assert kept.separation.laws == ("table_friction", "blade_friction") and kept.laws == ()
     assert [step.motion for step in kept.steps] == [kept.separation.motion]
     assert "diagnose again" in kept.text
+
+
+def test_a_law_at_the_end_of_its_range_is_said_to_be_settled_less_often(inputs, tmp_path):
+    found = given(tmp_path / "verdict", "PARTLY", "table_friction", "blade_friction", at_bound=True)
+    (tmp_path / "out").mkdir()
+    made = run({**inputs, "diagnosis": found}, replace(CONFIG, between=(), vary=("none",)), Output(tmp_path / "out"))
+    assert [warning for warning in made.warnings if warning.startswith("table_friction and blade_friction: found at")]
 
 
 def test_what_cannot_be_planned_is_refused_in_words(inputs, tmp_path):
