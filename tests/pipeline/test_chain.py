@@ -25,23 +25,31 @@ PAYLOAD = {
 }
 
 
+@pytest.fixture(scope="module")
+def copied(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a copy: a command that has nothing to do leaves its notes all the same, and other processes read."""
+    folder = tmp_path_factory.mktemp("copy") / "chain"
+    shutil.copytree(finished, folder)
+    return folder
+
+
 @pytest.mark.parametrize("stage", PAYLOAD)
-def test_every_stage_leaves_its_payload(finished: Path, stage: str):
-    store = Store(finished)
+def test_every_stage_leaves_its_payload(copied: Path, stage: str):
+    store = Store(copied)
     artifact = store.find(f"{stage}@latest")
     verify(artifact, store.cache, fresh=True)
     assert set(PAYLOAD[stage]) <= artifact.manifest.files.keys()
     assert artifact.manifest.environment == "box"
 
 
-def test_second_run_executes_nothing(finished: Path, capsys: pytest.CaptureFixture[str]):
+def test_second_run_executes_nothing(copied: Path, capsys: pytest.CaptureFixture[str]):
     for command in COMMANDS:
-        assert main([*arguments(command, finished), "--json"]) == 0
+        assert main([*arguments(command, copied), "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["skipped"], command
 
 
-def test_scores_hold_both_baselines(finished: Path):
-    scores = json.loads((Store(finished).find("eval@latest").path / "scores.json").read_text())
+def test_scores_hold_both_baselines(copied: Path):
+    scores = json.loads((Store(copied).find("eval@latest").path / "scores.json").read_text())
     assert set(scores["methods"]) == {"plop", "persistence", "rigid"}
 
 
