@@ -55,14 +55,17 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     if first is None and missing:
         first, scores = _likely(search, scores, facts, rule)
     rivals = [] if first is None else _rivals(first, scores, rule)
-    chosen, verdict = ([], None) if first is None else _named(search, first, findings, scores, rivals, facts, rule)
+    decoys = (first.name,) if first is not None and first.kind == "decoy" else ()
+    chosen, verdict = list[Finding](), None
+    if first is not None and not decoys:
+        own, first = _settled(search, first, scores, rule)
+        if first.stands:
+            chosen, verdict = _named(own, first, findings, rivals, facts, rule)
+        else:
+            first = None
     if verdict is None:
-        decoys = (first.name,) if first is not None and first.kind == "decoy" else ()
-        kind = VerdictKind.NONE_OF_THESE if missing or decoys else VerdictKind.NOTHING_DETECTABLE
-        perhaps = facts.change_p is not None and facts.change_p <= rule.alike
-        shown = search.difference.described() if perhaps else None
-        alone = () if missing or search.here.all() else tuple(search.difference.alone(rule.alarm))
-        verdict = Verdict(kind, (), "", replace(facts, decoys=decoys, description=shown, alone=alone))
+        # a law that is certain, but explains too little to be named, is a sign of something else
+        verdict = _nameless(search, missing or first is not None, replace(facts, decoys=decoys), rule)
     if sensors:
         facts = replace(verdict.evidence, physics=verdict.kind, physics_named=verdict.named)
         verdict = Verdict(VerdictKind.SENSOR, tuple(sensors), "", facts)
@@ -75,6 +78,17 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     limits |= {c.effect: unseen(c.columns[0]) for c in search.candidates if c.effect not in limits}
     gains = {s.hypothesis.effect: s.gains for s in one_per_law(scores)}
     return Conclusion(verdict, ranked, limits, search, rivals, _dropped(search, scores), gains)
+
+
+def _nameless(search: Search, missing: bool, facts: Grounds, rule: DecisionRule) -> Verdict:
+    """Say whether something is missing, and where the recordings differ from the reference if they may."""
+    kind = VerdictKind.NONE_OF_THESE if missing else VerdictKind.NOTHING_DETECTABLE
+    # either of two ways may show it: the chance is twice the smaller one
+    likely = facts.change_p is not None and facts.change_p <= 2 * rule.alike
+    perhaps = likely or (missing and facts.reference and not facts.decoys)
+    shown = search.difference.described() if perhaps else None
+    alone = () if missing or not facts.reference else tuple(search.difference.alone(rule.alarm))
+    return Verdict(kind, (), "", replace(facts, description=shown, alone=alone))
 
 
 def _strongest(findings: Sequence[Finding], rule: DecisionRule) -> Finding | None:
@@ -160,24 +174,13 @@ def _rivals(first: Finding, scores: Sequence[Score], rule: DecisionRule) -> list
 
 
 def _named(
-    search: Search,
-    first: Finding,
-    findings: list[Finding],
-    scores: Sequence[Score],
-    rivals: list[Score],
-    facts: Grounds,
-    rule: DecisionRule,
+    search: Search, first: Finding, findings: list[Finding], rivals: list[Score], facts: Grounds, rule: DecisionRule
 ) -> tuple[list[Finding], Verdict | None]:
     """Name the best law: alone, with a second one, as a part, or with those that cannot be distinguished from it.
 
     Returns:
         What is named with its amplitudes, and the verdict; None where naming it would explain too little.
     """
-    if first.kind == "decoy":
-        return [], None
-    search, first = _settled(search, first, scores, rule)
-    if not first.stands:
-        return [], None
     others = [s.hypothesis.effect for s in rivals if s.hypothesis.effect != first.name]
     rest = search.beside(first.score)
     chosen, gain = [first], first.gain

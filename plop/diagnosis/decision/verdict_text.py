@@ -97,7 +97,6 @@ def _none(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] | No
             f"Nothing can be named: {facts.decoys[0]} explains most, which cannot matter in such motions and is tried "
             "only as a check."
         )
-    p = "" if facts.change_p is None else f" (p = {short_number(facts.change_p)})"
     best = next((f for f in findings if f.gain > 0), None)
     near = f" The nearest is {best.name}, which explains {100 * best.gain:.0f} %." if best else ""
     what = (
@@ -106,7 +105,17 @@ def _none(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] | No
         else f"none of the laws that were tried explains ({', '.join(tried)})"
     )
     shown = "" if facts.description is None else description_text(facts.description)
-    return f"Something is missing that {what}: the recordings differ from the reference{p}.{near}{shown}"
+    return f"Something is missing that {what}: {_certain(facts, findings)}.{near}{shown}"
+
+
+def _certain(facts: Grounds, findings: Sequence[Finding]) -> str:
+    """Say why something is missing: the recordings differ, or a law is found that leaves what stands out."""
+    law = next((f for f in findings if f.stands), None)
+    if law is not None and (facts.change_p is None or facts.change_p > RULE.alarm):
+        chance = f"as much is found in {short_number(100 * law.score.p)} % of searches"
+        return f"{law.name} is certain (where nothing is hidden {chance}), but what it leaves still stands out"
+    p = "" if facts.change_p is None else f" (p = {short_number(facts.change_p)})"
+    return f"the recordings differ from the reference{p}"
 
 
 def parameters_text(finding: Finding) -> str:
