@@ -7,10 +7,7 @@ from typing import Any
 from markdown_parts import rows
 from result_files import Table, percent, rate, read
 
-FILES = (
-    *("missing_physics_69", "missing_physics_68", "missing_physics_67", "missing_physics_66"),
-    "missing_physics_0.2.0",
-)
+FILES = (*(f"missing_physics_{version}" for version in (70, 69, 68, 67, 66)), "missing_physics_0.2.0")
 """By the version that verdicts now follow, then older ones; the last judged most sets."""
 BENCH = FILES[-1]
 NAMES = {
@@ -55,7 +52,8 @@ def _rates() -> str:
 
 
 def _judges(found: dict[str, Any]) -> str:
-    return f"by {' and '.join(map(str, found['judged_by']))}"
+    how = "cameras, " if all(run["world"].endswith("cameras") for run in found["runs"]) else ""
+    return f"{how}by {' and '.join(map(str, found['judged_by']))}"
 
 
 def _shown(found: dict[str, Any]) -> str:
