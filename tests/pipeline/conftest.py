@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, made = base / "chain", base / "chain.made"
     with FileLock(base / "chain.lock"):
         if not made.is_file():
+            shutil.rmtree(folder, ignore_errors=True)  # of a process that failed
             folder.mkdir()
             make_workspace(folder)
             for command in COMMANDS:
