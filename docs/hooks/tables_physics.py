@@ -7,7 +7,7 @@ from typing import Any
 from markdown_parts import rows
 from result_files import Table, percent, rate, read
 
-FILES = (*(f"missing_physics_{version}" for version in (70, 69, 68, 67, 66)), "missing_physics_0.2.0")
+FILES = tuple(f"missing_physics_{version}" for version in (70, "70_twelve", 69, 68, 67, 66, "0.2.0"))
 """By the version that verdicts now follow, then older ones; the last judged most sets."""
 BENCH = FILES[-1]
 NAMES = {
@@ -53,6 +53,7 @@ def _rates() -> str:
 
 def _judges(found: dict[str, Any]) -> str:
     how = "cameras, " if all(run["world"].endswith("cameras") for run in found["runs"]) else ""
+    how += "twelve episodes a set, " if found.get("episodes") == [12] else ""
     return f"{how}by {' and '.join(map(str, found['judged_by']))}"
 
 
