@@ -33,13 +33,11 @@ METHODS = {"bic": "forward selection by BIC", "sparse": "sparse regression", "co
 
 
 def _rates() -> str:
-    """One column for all sets of each file, and of the largest one for each world that has rows."""
-    every, found = [read(name) for name in FILES], read(BENCH)
-    worlds = {name: each for name, each in found["by_world"].items() if _count(each)}
-    parts = {**worlds, "without reference": found["by_scenario"]["no reference"]}
+    """One column for all sets of each file, and one for those of the largest judged without a reference."""
+    every, largest = [read(name) for name in FILES], read(BENCH)
     columns = {
         **{_judges(each): each["rates"] for each in every},
-        **{f"{name}, {_judges(found)}": part for name, part in parts.items()},
+        f"without reference, {_judges(largest)}": largest["by_scenario"]["no reference"],
     }
     lines = [
         [what, every[0]["goals"].get(key, ""), *(_shown(c[key]) if key in c else "" for c in columns.values())]
@@ -59,10 +57,6 @@ def _judges(found: dict[str, Any]) -> str:
 
 def _shown(found: dict[str, Any]) -> str:
     return rate(found) + (", **shown**" if found.get("shown") else "")
-
-
-def _count(rates: dict[str, Any]) -> int:
-    return int(rates["decoy_named"]["n"])
 
 
 def _methods() -> str:
