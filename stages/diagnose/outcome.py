@@ -11,6 +11,7 @@ from plop.diagnosis.decision.conclusion import Conclusion
 from plop.diagnosis.decision.finding import Finding, explained_text
 from plop.diagnosis.decision.next_step import next_step
 from plop.diagnosis.decision.result import Diagnosis, Ranked, SensorFault
+from plop.diagnosis.decision.verdict import VerdictKind
 from plop.parameters import NOT_DETERMINED, Estimate, short_number, with_unit
 from plop.physics.effects.library import EffectType
 
@@ -87,7 +88,8 @@ def _parameters(finding: Finding, kind: EffectType | None) -> dict[str, Estimate
 
 def rows_of(found: Diagnosis, most: int = 6) -> list[dict[str, Any]]:
     """Give the head of the ranking as rows for the terminal."""
-    rows = []
+    rows, verdict = [], found.verdict
+    certain = "explains too little" if verdict.kind == VerdictKind.NONE_OF_THESE else "passes"
     for row in found.ranking[:most]:
         first = next(iter(row.parameters.items()), None)
         rows.append(
@@ -97,7 +99,7 @@ def rows_of(found: Diagnosis, most: int = 6) -> list[dict[str, Any]]:
                 "p": row.p,
                 "moves_mm": round(row.size_mm, 3),
                 "parameter": first and _parameter_text(*first),
-                "verdict": "named" if row.effect in found.verdict.named else (row.why_not() or ["passes"])[0],
+                "verdict": "named" if row.effect in verdict.named else (row.why_not() or [certain])[0],
             }
         )
     return rows

@@ -48,6 +48,12 @@ def test_rows_say_what_the_recordings_determine_by_the_range_of_each_law():
     assert _row(finding("tilt", 0.1, 0.2), {}).parameters["gx_m_s2"].determined, "a law of the user's"
 
 
+def test_the_table_says_why_a_law_that_is_certain_is_not_named():
+    row = _row(finding("tilt", 0.1, 0.2), library(()))
+    why = {kind: rows_of(diagnosis(verdict(kind), row))[0]["verdict"] for kind in ("NONE OF THESE", "SENSOR")}
+    assert why == {"NONE OF THESE": "explains too little", "SENSOR": "passes"}
+
+
 def test_the_table_says_that_a_law_does_not_help_instead_of_minus_200_per_cent():
     rows = [_row(finding("adhesion", 184.0, 7890.0), library(()))]
     rows.append(_row(finding("tilt", 0.1, 0.2, gain=-2.0), library(())))
