@@ -88,11 +88,12 @@ def _none(label: str, found: Diagnosis) -> str:
             f"nothing that is missing from {label} can be named with any certainty, since what explains the error "
             f"best is {' or '.join(evidence.decoys)}, which cannot matter in motions this slow and is tried as a check"
         )
+    start = f"something is missing from {label} that none of the {len(tried)} laws that were tried explains"
+    law = next((row for row in found.ranking if row.passes), None)
+    if law is not None and evidence.change_p is not None and evidence.change_p > RULE.alarm:
+        return f"{start}: {_words(law.effect)} is certain, but what it leaves still stands out; {_chance([law])}"
     often = "" if evidence.change_p is None else f", and by chance alone this would happen {_once(evidence.change_p)}"
-    return (
-        f"something is missing from {label} that none of the {len(tried)} laws that were tried explains: the "
-        f"recordings differ from those where nothing is missing{often}"
-    )
+    return f"{start}: the recordings differ from those where nothing is missing{often}"
 
 
 def _nothing(label: str, found: Diagnosis) -> str:
@@ -109,6 +110,12 @@ def _nothing(label: str, found: Diagnosis) -> str:
     if alone := found.verdict.evidence.alone:
         where = " and ".join(alone)
         return f"{start}, but {label} is off far more in {where} than in all others: record that motion again"
+    if (shown := found.verdict.evidence.description) is not None:
+        often = _once(found.verdict.evidence.change_p or 0.0)
+        return (
+            f"{start}, but they may differ from those where nothing is missing (by chance alone this would happen "
+            f"{often}): record more motions like {shown.motions[0].what}, here and in the reference"
+        )
     if seen:
         but = f", except for {blind} of {len(tried)} laws that these motions cannot show" if blind else ""
         size = f"{short_number(max(seen))} mm"

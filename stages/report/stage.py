@@ -237,7 +237,7 @@ _OF_EACH_MODEL = Recipe({"recordings": "recordings", "init": "init", "model": "m
 
 STAGE = Stage(
     name="report",
-    version=12,
+    version=13,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={

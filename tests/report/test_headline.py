@@ -11,6 +11,7 @@ import pytest
 from plop.diagnosis.decision.limits import Limit
 from plop.diagnosis.decision.result import Diagnosis, Ranked
 from plop.diagnosis.decision.verdict import VerdictKind
+from plop.diagnosis.evidence.description import Description, Shown
 from plop.parameters import Estimate
 from plop.reporting.headline import headline
 from tests.support.diagnoses import clock, diagnosis, ranked, verdict
@@ -44,6 +45,8 @@ def diagnosed(kind: str, *named: str, sensors: tuple = (), base: float = -2.0, *
     )
 
 
+PLACE = Shown("push hold", 1.4, 0.6)
+PUSHED = Description((PLACE,), (PLACE,), PLACE, PLACE, PLACE, PLACE, 0.1, None, 0.2)
 CASES = [
     (
         diagnosed("EFFECT", "adhesion"),
@@ -83,7 +86,17 @@ CASES = [
         "none of the 3 laws that were tried explains: the recordings differ from those where nothing is missing, and "
         "by chance alone this would happen about once in 1,000 trials",
     ),
+    (
+        diagnosed("NONE OF THESE", change_p=0.2),
+        "that none of the 3 laws that were tried explains: adhesion is certain, but what it leaves still stands out; "
+        "by chance alone this would happen about once in 200 trials",
+    ),
     (replace(diagnosed("NONE OF THESE", decoys=("drag",)), floor=None), "best is drag"),
+    (
+        diagnosed("NOTHING DETECTABLE", change_p=0.08, description=PUSHED),
+        "but they may differ from those where nothing is missing (by chance alone this would happen about once in 12 "
+        "trials): record more motions like push hold, here and in the reference",
+    ),
     (diagnosed("NOTHING DETECTABLE"), "found about nine times in ten, except for 1 of 3"),
     (diagnosed("NOTHING DETECTABLE", alone=("cam_0",)), "base is off far more in cam_0 than in all others"),
     (diagnosed("NOTHING DETECTABLE", reference=False), "cannot be named without reference recordings"),
