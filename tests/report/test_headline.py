@@ -88,8 +88,8 @@ CASES = [
     ),
     (
         diagnosed("NONE OF THESE", change_p=0.2),
-        "that none of the 3 laws that were tried explains: adhesion is certain, but what it leaves still stands out; "
-        "by chance alone this would happen about once in 200 trials",
+        "that none of the 3 laws that were tried explains: it resembles adhesion, and by chance alone this would "
+        "happen about once in 200 trials, but what that leaves still stands out",
     ),
     (replace(diagnosed("NONE OF THESE", decoys=("drag",)), floor=None), "best is drag"),
     (

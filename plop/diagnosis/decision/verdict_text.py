@@ -113,7 +113,7 @@ def _certain(facts: Grounds, findings: Sequence[Finding]) -> str:
     law = next((f for f in findings if f.stands), None)
     if law is not None and (facts.change_p is None or facts.change_p > RULE.alarm):
         chance = f"as much is found in {short_number(100 * law.score.p)} % of searches"
-        return f"{law.name} is certain (where nothing is hidden {chance}), but what it leaves still stands out"
+        return f"it resembles {law.name} (where nothing is hidden {chance}), but what that leaves still stands out"
     p = "" if facts.change_p is None else f" (p = {short_number(facts.change_p)})"
     return f"the recordings differ from the reference{p}"
 
