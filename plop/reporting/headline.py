@@ -91,7 +91,8 @@ def _none(label: str, found: Diagnosis) -> str:
     start = f"something is missing from {label} that none of the {len(tried)} laws that were tried explains"
     law = next((row for row in found.ranking if row.passes), None)
     if law is not None and evidence.change_p is not None and evidence.change_p > RULE.alarm:
-        return f"{start}: it resembles {_words(law.effect)}, and {_chance([law])}, but what that leaves still stands out"
+        what = _words(law.effect)
+        return f"{start}: it resembles {what}, and {_chance([law])}, but what that leaves still stands out"
     often = "" if evidence.change_p is None else f", and by chance alone this would happen {_once(evidence.change_p)}"
     return f"{start}: the recordings differ from those where nothing is missing{often}"
 
