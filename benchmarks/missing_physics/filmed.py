@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from plop.artifacts.atomic_file import write_json
 from plop.errors import SignalTooWeakError
 from plop.physics.scenes.sealed import open_answer
 from plop.recordings.readers.mesh.sequence import write_mesh_sequence
+from plop.render.virtual_cameras.texture import seed_from
 
 SNRS = ("4", "2")
 """Wanted signals, tried one after the other: many laws cannot move the block by 2 mm."""
@@ -113,9 +113,5 @@ class Meshes:
                 write_mesh_sequence(part, replace(maker.sequence(k, hidden), name=f"{name}_{k:03d}"))
             part.rename(raw)
         # with noise of its own: a repeated motion is not the same recording
-        self.loop.plop("ingest", "mesh", str(raw), "--name", f"raw-{name}", "--seed", str(_seed(name)))
+        self.loop.plop("ingest", "mesh", str(raw), "--name", f"raw-{name}", "--seed", str(seed_from(name)))
         self.loop.plop("calibrate", "--recordings", f"raw-{name}", "--name", name)
-
-
-def _seed(name: str) -> int:
-    return zlib.crc32(name.encode())

@@ -89,8 +89,8 @@ def _none(label: str, found: Diagnosis) -> str:
             f"best is {' or '.join(evidence.decoys)}, which cannot matter in motions this slow and is tried as a check"
         )
     start = f"something is missing from {label} that none of the {len(tried)} laws that were tried explains"
-    law = next((row for row in found.ranking if row.passes), None)
-    if law is not None and evidence.change_p is not None and evidence.change_p > RULE.alarm:
+    law = None if evidence.resembles is None else found.row(evidence.resembles)
+    if law is not None:
         what = _words(law.effect)
         return f"{start}: it resembles {what}, and {_chance([law])}, but what that leaves still stands out"
     often = "" if evidence.change_p is None else f", and by chance alone this would happen {_once(evidence.change_p)}"

@@ -162,7 +162,7 @@ def _without_cameras(config: DiagnoseConfig) -> dict[str, list[str]]:
 
 STAGE = Stage(
     name="diagnose",
-    version=72,
+    version=73,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

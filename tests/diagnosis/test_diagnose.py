@@ -108,7 +108,11 @@ def test_a_law_that_is_certain_but_explains_too_little_is_a_sign_of_another(monk
     monkeypatch.setattr(conclusion, "closed_by", lambda *_: 0.1)
     verdict = conclude(search).verdict
     assert (verdict.kind, verdict.named) == ("NONE OF THESE", ()) and verdict.evidence.description is not None
-    assert "it resembles swelling" in verdict.text and "differ from the reference" not in verdict.text
+    assert (
+        verdict.evidence.resembles == "swelling"
+        and "it resembles swelling" in verdict.text
+        and "differ from the reference" not in verdict.text
+    )
 
 
 def test_a_law_that_leaves_more_than_a_wrong_response_would_is_a_part():

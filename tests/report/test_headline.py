@@ -87,7 +87,7 @@ CASES = [
         "by chance alone this would happen about once in 1,000 trials",
     ),
     (
-        diagnosed("NONE OF THESE", change_p=0.2),
+        diagnosed("NONE OF THESE", change_p=0.2, resembles="adhesion"),
         "that none of the 3 laws that were tried explains: it resembles adhesion, and by chance alone this would "
         "happen about once in 200 trials, but what that leaves still stands out",
     ),

@@ -65,7 +65,8 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
             first = None
     if verdict is None:
         # a law that is certain, but explains too little to be named, is a sign of something else
-        verdict = _nameless(search, missing or first is not None, replace(facts, decoys=decoys), rule)
+        like = None if first is None or missing or decoys else first.name
+        verdict = _nameless(search, missing or first is not None, replace(facts, decoys=decoys, resembles=like), rule)
     if sensors:
         facts = replace(verdict.evidence, physics=verdict.kind, physics_named=verdict.named)
         verdict = Verdict(VerdictKind.SENSOR, tuple(sensors), "", facts)

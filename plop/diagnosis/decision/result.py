@@ -80,7 +80,7 @@ class Diagnosis(ResultFile):
 
     FILE: ClassVar[str] = "diagnosis.json"
     COMMAND: ClassVar[str] = "diagnose"
-    SCHEMA: ClassVar[int] = 8
+    SCHEMA: ClassVar[int] = 9
 
     verdict: Verdict
     ranking: tuple[Ranked, ...]

@@ -65,6 +65,8 @@ class Grounds:
     """Share of that difference which goes away with what is named."""
     decoys: tuple[str, ...] = ()
     """The decoy that explains most, where one does."""
+    resembles: str | None = None
+    """Where the difference alone is no alarm: the law that is, but explains too little to be named."""
     alternatives: tuple[str, ...] = ()
     """What cannot be distinguished from the first that is named."""
     share: float | None = None

@@ -110,8 +110,8 @@ def _none(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] | No
 
 def _certain(facts: Grounds, findings: Sequence[Finding]) -> str:
     """Say why something is missing: the recordings differ, or a law is found that leaves what stands out."""
-    law = next((f for f in findings if f.stands), None)
-    if law is not None and (facts.change_p is None or facts.change_p > RULE.alarm):
+    law = next((f for f in findings if f.name == facts.resembles), None)
+    if law is not None:
         chance = f"as much is found in {short_number(100 * law.score.p)} % of searches"
         return f"it resembles {law.name} (where nothing is hidden {chance}), but what that leaves still stands out"
     p = "" if facts.change_p is None else f" (p = {short_number(facts.change_p)})"
