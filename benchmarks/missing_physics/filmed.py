@@ -82,14 +82,19 @@ class Meshes:
 
     def hidden(self) -> bool:
         """See `Filmed`; a signal that is too weak for the goals is one all the same."""
-        if not self._answer.is_file():
-            hidden, truth, _, snr = self._points.hidden(self._maker, self.one)
-            self._film(self.one.name, range(self.one.first, self.one.first + self._points.episodes), hidden)
+        one, numbers = self.one, range(self.one.first, self.one.first + self._points.episodes)
+        if one.group == "sensor":
+            self._film(one.name, numbers, {}, "--fault", one.law)
+        elif not self._answer.is_file():
+            hidden, truth, _, snr = self._points.hidden(self._maker, one)
+            self._film(one.name, numbers, hidden)
             write_json(self._answer, {"effects": truth, "snr": snr})
         return True
 
     def answer(self) -> dict[str, Any]:
         """See `Filmed`."""
+        if self.one.group == "sensor":
+            return {"effects": {}, "snr": 0.0}
         return dict(json.loads(self._answer.read_text()))
 
     @property
@@ -104,7 +109,7 @@ class Meshes:
     def _answer(self) -> Path:
         return self.loop.workspace / f"{self.one.name}.json"
 
-    def _film(self, name: str, numbers: Iterable[int], hidden: Mapping[str, Values]) -> None:
+    def _film(self, name: str, numbers: Iterable[int], hidden: Mapping[str, Values], *words: str) -> None:
         raw, maker = self.loop.workspace / "raw" / name, self._maker
         if not raw.is_dir():
             part = raw.with_suffix(".part")
@@ -113,5 +118,5 @@ class Meshes:
                 write_mesh_sequence(part, replace(maker.sequence(k, hidden), name=f"{name}_{k:03d}"))
             part.rename(raw)
         # with noise of its own: a repeated motion is not the same recording
-        self.loop.plop("ingest", "mesh", str(raw), "--name", f"raw-{name}", "--seed", str(seed_from(name)))
+        self.loop.plop("ingest", "mesh", str(raw), "--name", f"raw-{name}", "--seed", str(seed_from(name)), *words)
         self.loop.plop("calibrate", "--recordings", f"raw-{name}", "--name", name)

@@ -18,6 +18,7 @@ TWINS = ("stiffness", "damping")
 """Laws that another one of the library equals, so that nothing is outside it when they are left out: the density in
 quasi-static motions, and viscosity."""
 FAULTS = ("clock=0.03", "depth_scale=1.01", "pose_error.x_m=0.003", "pose_error.z_deg=1.0")
+TOOL_FAULTS = ("robot_clock=0.03", "tool_offset.x_m=0.003", "tool_thickness=0.003")
 
 
 class Set(NamedTuple):
@@ -58,7 +59,7 @@ def plan(first_seed: int, bases: int, worlds: Sequence[str]) -> Iterator[Set]:
             yield Set(world, seed, "single", first, bool(k % 2))
             yield Set(world, seed, "single", second, not k % 2)
             yield Set(world, seed, "outside", outside, bool(k % 2))
-            if world in ("own", CAMERAS):
-                yield Set(world, seed, "pair", f"{first}+{others[0]}", not k % 2)
-            if world == CAMERAS:
-                yield Set(world, seed, "sensor", FAULTS[k % len(FAULTS)], bool(k % 2))
+            yield Set(world, seed, "pair", f"{first}+{others[0]}", not k % 2)
+            if world in (CAMERAS, *FILMED):
+                for faults in (FAULTS, TOOL_FAULTS):
+                    yield Set(world, seed, "sensor", faults[seed % len(faults)], bool(k % 2))

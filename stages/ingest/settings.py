@@ -31,6 +31,9 @@ class SimulatedConfig(Settings):
     """Longest edge of object and tool; larger values indicate another unit."""
     smallest_m: Annotated[float, Range(1e-6, 100), Unit("m")] = 0.02
     """Smallest longest edge of the larger of object and tool; smaller values indicate another unit."""
+    fault: tuple[str, ...] = ()
+    """Sensor fault to record with, as `simulate --fault`: NAME=VALUE of the first camera or of the tool, or
+    NAME=VALUE@CAMERA."""
     from_rest: bool = False
     """Start at time 0 with the rest shape where the first frame is later. DiSECt releases an object at time 0
     and stores the first frame 1/30 s later, while it bounces: its speed is unknown from a recording alone."""

@@ -15,7 +15,9 @@ from plop.recordings.readers.mesh.sequence import MeshSequence, begun_at_rest, l
 from plop.recordings.readers.raw_folder import check_raw_folder
 from plop.recordings.readers.side_file import RawEpisode
 from plop.recordings.set import RecordingSet, check_patterns, split_names
-from plop.render.virtual_cameras.recorder import record
+from plop.render.virtual_cameras.recorder import Disturbances, record
+from plop.render.virtual_cameras.rig import camera_names
+from plop.sensors.faults.library import parse_faults
 from stages.ingest.checks import check_contact, check_plausible
 from stages.ingest.selection import select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig
@@ -38,11 +40,12 @@ def _run(
             found="nothing",
             fix="Correct the path.",
         )
+    disturbances = Disturbances(parse_faults(config.fault, camera_names(config.cameras.count)))
     entries = select(list_entries(raw), environment=config.environment, episodes=config.episodes, where=raw)
     given = () if config.test == type(config)().test else config.test  # the defaults need not match every folder
     warnings = check_patterns([entry.name for entry in entries], given, option="--test", where=raw)
     raw_episodes = {entry.name: entry for entry in entries}
-    work = partial(_ingest_one, raw_episodes, read, config)
+    work = partial(_ingest_one, raw_episodes, read, disturbances, config)
     done = out.map(list(raw_episodes), work, jobs=config.jobs, keep_going=config.skip_bad)
     skipped = {name: error.first_cause().one_line() for name, error in done.errors.items()}
     for name in raw_episodes:
@@ -66,6 +69,7 @@ def _run(
 def _ingest_one(
     raw_episodes: Mapping[str, RawEpisode],
     read: Callable[[Path], MeshSequence],
+    disturbances: Disturbances,
     config: SimulatedConfig,
     name: str,
     out: Output,
@@ -79,7 +83,8 @@ def _ingest_one(
     sequence = begun_at_rest(sequence) if config.from_rest else sequence
     if not config.keep_untouched:
         check_contact(sequence, arrays)
-    for share in record(Recordings(out.path).episode(name), sequence, config.cameras, seed=config.seed):
+    path = Recordings(out.path).episode(name)
+    for share in record(path, sequence, config.cameras, disturbances, seed=config.seed):
         out.progress(share, 1, name)
     return [f"{name}: {note}" for note in (*sequence.notes, *odd)]
 

@@ -12,7 +12,7 @@ from benchmarks.missing_physics import cameras, filmed
 from benchmarks.missing_physics.__main__ import main
 from benchmarks.missing_physics.cameras import Cameras
 from benchmarks.missing_physics.makers import Foreign
-from benchmarks.missing_physics.plan import CAMERAS, FAULTS, Set, plan
+from benchmarks.missing_physics.plan import CAMERAS, FAULTS, TOOL_FAULTS, Set, plan
 from benchmarks.missing_physics.points import Points
 from benchmarks.missing_physics.rates import rates_of
 from benchmarks.workspace import Typed
@@ -100,12 +100,21 @@ def test_meshes_of_another_simulator_are_filmed_once_and_their_answer_is_opened_
     assert len(made) == 12
 
 
+def test_a_fault_is_filmed_into_meshes(typed, tmp_path, monkeypatch):
+    monkeypatch.setattr(Foreign, "__init__", lambda self, simulator, seed: None)
+    monkeypatch.setattr(Foreign, "sequence", lambda self, number, hidden: box_sequence())
+    row = Cameras(tmp_path / "w").row(Set("drake-cameras", 7, "sensor", TOOL_FAULTS[0], False))
+    plain, faulty = [words for words in typed if "mesh" in words]
+    assert "--fault" not in plain and faulty[-2:] == ("--fault", TOOL_FAULTS[0])
+    assert row["group"] == "sensor" and not row["truth"]
+
+
 def test_a_plan_is_the_same_every_time_and_has_all_groups():
     sets = list(plan(7500, 4, ["own", "mujoco", CAMERAS]))
     assert sets == list(plan(7500, 4, ["own", "mujoco", CAMERAS])) and len({s.name for s in sets}) == len(sets)
     assert {s.group for s in sets if s.world == CAMERAS} == {"null", "single", "outside", "pair", "sensor"}
-    assert {s.law for s in sets if s.group == "sensor"} == {*FAULTS}
-    assert not [s for s in sets if s.world == "mujoco" and s.group in ("pair", "sensor")]
+    assert {s.law for s in sets if s.group == "sensor"} == {*FAULTS, *TOOL_FAULTS}
+    assert not [s for s in sets if s.world == "mujoco" and s.group == "sensor"], "points have no cameras"
 
 
 def test_only_the_groups_asked_for_are_judged_with_so_many_episodes(monkeypatch, tmp_path, capsys):

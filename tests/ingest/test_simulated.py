@@ -66,6 +66,24 @@ def test_same_input_gives_the_same_bytes_and_another_seed_another_texture(tmp_pa
     assert payload(tmp_path / "a") == payload(tmp_path / "b") != payload(tmp_path / "c")
 
 
+def test_a_fault_is_recorded_by_its_camera_alone_or_in_the_tool(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw", box_sequence())
+    seen = {}
+    for folder, fault in (("right", ()), ("wrong", ("depth_scale=1.02@cam_01", "tool_offset.x_m=0.003"))):
+        ingest(raw, tmp_path / folder, dataclasses.replace(SMALL, fault=fault))
+        with Recording(tmp_path / folder / "episodes" / "box_000.h5") as recording:
+            depths = [recording.view(name, 0).depth_m for name in recording.camera_names]
+            seen[folder] = depths, recording.world_from_tool
+    right, wrong = seen["right"], seen["wrong"]
+    np.testing.assert_array_equal(right[0][0], wrong[0][0])
+    np.testing.assert_allclose(wrong[0][1], 1.02 * right[0][1], rtol=1e-5)
+    moved = np.linalg.inv(right[1]) @ wrong[1]
+    np.testing.assert_allclose(moved[:, :3, 3], np.broadcast_to([-0.003, 0, 0], (3, 3)), atol=1e-9)
+    with pytest.raises(PlopError, match="cam_09"):
+        ingest(raw, tmp_path / "bad", dataclasses.replace(SMALL, fault=("clock=0.03@cam_09",)))
+    assert not (tmp_path / "bad" / "episodes").exists()
+
+
 def test_depth_noise_has_the_size_that_was_asked_for(tmp_path: Path) -> None:
     raw = raw_folder(tmp_path / "raw", box_sequence())
     clean_config = filmed(SMALL, size=64)
