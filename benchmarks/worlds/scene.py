@@ -131,7 +131,7 @@ def tetrahedral_mesh(world: World) -> TetrahedralMesh:
     tetrahedra = np.concatenate(found)
     inverted = _volumes(nodes, tetrahedra) < 0
     tetrahedra[inverted, :2] = tetrahedra[inverted, 1::-1]
-    return TetrahedralMesh(nodes, tetrahedra, body.surface, _boundary(tetrahedra, body.surface))
+    return TetrahedralMesh(nodes, tetrahedra, *boundary(tetrahedra))
 
 
 def node_volumes(mesh: TetrahedralMesh) -> np.ndarray:
@@ -145,11 +145,12 @@ def _volumes(nodes: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.det(edges)) / 6
 
 
-def _boundary(tetrahedra: np.ndarray, surface: np.ndarray) -> np.ndarray:
-    """Faces that belong to one tetrahedron only, outward, in the surface's numbers, [F, 3]."""
+def boundary(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the nodes on the surface [V], and its faces, outward, in their numbers [F, 3]."""
     sides = tetrahedra[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
     _, first, count = np.unique(np.sort(sides, 1), axis=0, return_index=True, return_counts=True)
-    return np.searchsorted(surface, sides[first[count == 1]])
+    surface, faces = np.unique(sides[first[count == 1]], return_inverse=True)
+    return surface, faces.reshape(-1, 3)
 
 
 def tool_mesh(world: World, motion: Motion) -> Mesh:
