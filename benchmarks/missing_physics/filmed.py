@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from benchmarks.missing_physics.cuts import Cuts
 from benchmarks.missing_physics.makers import Foreign, Values
 from benchmarks.missing_physics.plan import CAMERAS, Set
 from benchmarks.missing_physics.points import Points
@@ -99,7 +100,8 @@ class Meshes:
 
     @property
     def _maker(self) -> Foreign:
-        return Foreign(self.one.world.removesuffix(f"-{CAMERAS}"), self.one.seed)
+        simulator = self.one.world.removesuffix(f"-{CAMERAS}")
+        return Cuts(self.one.seed) if simulator == "disect" else Foreign(simulator, self.one.seed)
 
     @property
     def _points(self) -> Points:

@@ -100,7 +100,7 @@ class Own:
 class Foreign:
     """MuJoCo or Drake: presses, pushes and drags of a tapered block."""
 
-    laws = ("tilt", "table_friction", "stiffness", "damping", "blade_friction")
+    laws: tuple[str, ...] = ("tilt", "table_friction", "stiffness", "damping", "blade_friction")
 
     def __init__(self, simulator: str, seed: int) -> None:
         self.record: Callable[[World, Motion], MeshSequence] = importlib.import_module(
@@ -108,7 +108,7 @@ class Foreign:
         ).record
         r = np.random.default_rng([seed, 3])
         self.seed = seed
-        self.world = World(
+        self.world: Any = World(
             youngs_modulus_pa=float(np.exp(r.uniform(np.log(1e4), np.log(3e4)))),
             table_friction=float(r.uniform(0.3, 0.7)),
             tool_friction=float(r.uniform(0.3, 0.7)),

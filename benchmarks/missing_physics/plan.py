@@ -7,13 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.missing_physics.cuts import Cuts
 from benchmarks.missing_physics.makers import Foreign, Own
 
 GROUPS = ("null", "single", "outside", "pair", "sensor")
 CAMERAS = "cameras"
 """The world of `plop simulate`, measured through cameras by the commands of a user."""
-FILMED = ("mujoco-cameras", "drake-cameras")
-"""Worlds of other simulators, measured in the same way."""
+FILMED = ("mujoco-cameras", "drake-cameras", "disect-cameras")
+"""Worlds of other simulators, measured in the same way; the last one cuts."""
 TWINS = ("stiffness", "damping")
 """Laws that another one of the library equals, so that nothing is outside it when they are left out: the density in
 quasi-static motions, and viscosity."""
@@ -45,14 +46,20 @@ class Set(NamedTuple):
         return 0 if self.repeated else 60 + 6 * len(self.law)
 
 
+def laws_of(world: str) -> tuple[str, ...]:
+    """List what can be hidden in a world."""
+    if world in ("own", CAMERAS):
+        return Own.laws
+    return (Cuts if world.startswith("disect") else Foreign).laws
+
+
 def plan(first_seed: int, bases: int, worlds: Sequence[str]) -> Iterator[Set]:
     """List the sets in the order in which they are made."""
     for k in range(bases):
         for world in worlds:
             seed = first_seed + k
             random = np.random.default_rng([seed, 7])
-            maker_laws = (Own if world in ("own", CAMERAS) else Foreign).laws
-            first, second, *others = (str(law) for law in random.permutation(maker_laws))
+            first, second, *others = (str(law) for law in random.permutation(laws_of(world)))
             outside = next(law for law in others if law not in TWINS)
             for repeated in (False, True):
                 yield Set(world, seed, "null", "", repeated)

@@ -78,7 +78,7 @@ def record(simulator: Path, world: World, motion: Motion, name: str | None = Non
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
         sim, tool = _prepared(world, motion, cut, folder)
         ends, weights = _followed(sim.builder, cut)
-        nodes, forces, left = _simulated(sim, tool)
+        nodes, forces, left = _simulated(sim, tool, world)
     first, second = nodes[:, ends[:, 0]], nodes[:, ends[:, 1]]
     vertices = first * (1 - weights[:, None]) + second * weights[:, None]
     return MeshSequence(
@@ -232,7 +232,7 @@ def _followed(builder: Any, cut: Clipped) -> tuple[np.ndarray, np.ndarray]:
     return rows[:, :2].astype(int), rows[:, 2]
 
 
-def _simulated(sim: Any, tool: ToolMotion) -> tuple[np.ndarray, np.ndarray, int]:
+def _simulated(sim: Any, tool: ToolMotion, world: World) -> tuple[np.ndarray, np.ndarray, int]:
     """Let the simulator run.
 
     Returns:
@@ -242,7 +242,7 @@ def _simulated(sim: Any, tool: ToolMotion) -> tuple[np.ndarray, np.ndarray, int]
     torch = importlib.import_module("torch")
     model, state = sim.model, sim.model.state()
     nodes, forces = [state.particle_q.numpy().copy()], [np.zeros(3)]
-    steps = round(FRAME_S / sim.sim_dt)
+    steps, grown = round(FRAME_S / sim.sim_dt), float(np.exp(-world.swelling_per_s * sim.sim_dt / 3))
     places = torch.tensor(tool.world_from_tool[:, :3, 3] @ _WORLD_FROM_SIMULATOR, dtype=torch.float32)
     state.joint_q[3:7] = torch.tensor(sim.settings.knife_motion.quaternion)
     with torch.no_grad():
@@ -250,6 +250,7 @@ def _simulated(sim: Any, tool: ToolMotion) -> tuple[np.ndarray, np.ndarray, int]
             state.joint_q[:3], state.joint_qd[:3], state.joint_qd[3:] = here, (there - here) / FRAME_S, 0.0
             pushed = torch.zeros(3)
             for _ in range(steps):
+                model.tet_poses *= grown  # inverse edges at rest: the stress-free lengths grow
                 state = sim.integrator.forward(model, state, sim.sim_dt, update_mass_matrix=False)
                 pushed += state.knife_f.sum(0)
             nodes.append(state.particle_q.numpy().copy())

@@ -55,6 +55,8 @@ class World:
     tilt_x_deg: float = 0.0
     """Tilt of the table: gravity leans so far towards +x [deg]."""
     tilt_y_deg: float = 0.0
+    swelling_per_s: float = 0.0
+    """Rate at which the stress-free volume grows, of itself [1/s]."""
 
     @property
     def name(self) -> str:
@@ -107,8 +109,11 @@ HIDEABLE = {
     "cutting_softness": ("spring_softness", True),
     "tilt_x_deg": ("tilt_x_deg", False),
     "tilt_y_deg": ("tilt_y_deg", False),
+    "swelling": ("swelling_per_s", False),
 }
 """What can be hidden: the number of the world, and whether it is multiplied (or replaced)."""
+SIGNED = ("tilt_x_deg", "tilt_y_deg", "swelling")
+"""What may be negative."""
 
 
 @dataclass(frozen=True)
@@ -149,8 +154,8 @@ def hide(world: World, texts: Sequence[str]) -> World:
             number = float(value)
         except ValueError:
             number = np.nan
-        if not np.isfinite(number) or (number < 0 and not key.startswith("tilt")) or (number == 0 and is_factor):
-            expected = "a factor above 0" if is_factor else "degrees" if key.startswith("tilt") else "a number from 0"
+        if not np.isfinite(number) or (number < 0 and key not in SIGNED) or (number == 0 and is_factor):
+            expected = "a factor above 0" if is_factor else "a number" if key in SIGNED else "a number from 0"
             raise PlopError(
                 "This is no number to hide.", where=f"--hide {text}", expected=expected, found=value or "none"
             )

@@ -6,17 +6,21 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from benchmarks.missing_physics import cameras, filmed
+from benchmarks.missing_physics import cameras, cuts, filmed
 from benchmarks.missing_physics.__main__ import main
 from benchmarks.missing_physics.cameras import Cameras
+from benchmarks.missing_physics.cuts import Cuts
 from benchmarks.missing_physics.makers import Foreign
 from benchmarks.missing_physics.plan import CAMERAS, FAULTS, TOOL_FAULTS, Set, plan
 from benchmarks.missing_physics.points import Points
 from benchmarks.missing_physics.rates import rates_of
 from benchmarks.workspace import Typed
+from benchmarks.worlds.knife_cuts import drawn
 from plop.errors import SignalTooWeakError
+from plop.physics.effects.library import effect_type
 from plop.recordings.readers.mesh.sequence import MeshSequence
 from tests.support.box_sequence import box_sequence
 
@@ -109,12 +113,30 @@ def test_a_fault_is_filmed_into_meshes(typed, tmp_path, monkeypatch):
     assert row["group"] == "sensor" and not row["truth"]
 
 
+def test_cuts_are_recorded_once_with_what_is_hidden_in_the_world_s_own_numbers(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setenv("PLOP_DISECT", str(tmp_path))
+    monkeypatch.setattr(cuts, "record", lambda folder, world, motion: asked.append((folder, world, motion)))
+    cuts._recorded.cache_clear()
+    maker = Cuts(7)
+    for law in Cuts.laws:
+        hidden, found = maker.drawn(law, np.random.default_rng(0), 1.0)
+        maker.sequence(0, {law: hidden})
+        maker.sequence(0, {law: hidden})
+        folder, world, motion = asked.pop()
+        assert not asked and folder == tmp_path and motion == drawn(7, 0)
+        assert {key for key, value in vars(world).items() if value != vars(maker.world)[key]} == hidden.keys()
+        assert {*found} == {law} and {*found[law]} <= {p.name for p in effect_type(law).amplitudes}
+
+
 def test_a_plan_is_the_same_every_time_and_has_all_groups():
     sets = list(plan(7500, 4, ["own", "mujoco", CAMERAS]))
     assert sets == list(plan(7500, 4, ["own", "mujoco", CAMERAS])) and len({s.name for s in sets}) == len(sets)
     assert {s.group for s in sets if s.world == CAMERAS} == {"null", "single", "outside", "pair", "sensor"}
     assert {s.law for s in sets if s.group == "sensor"} == {*FAULTS, *TOOL_FAULTS}
     assert not [s for s in sets if s.world == "mujoco" and s.group == "sensor"], "points have no cameras"
+    cut = list(plan(7500, 4, ["disect-cameras"]))
+    assert {law for s in cut if s.group == "pair" for law in s.law.split("+")} <= {*Cuts.laws}
 
 
 def test_only_the_groups_asked_for_are_judged_with_so_many_episodes(monkeypatch, tmp_path, capsys):
