@@ -4,8 +4,8 @@
     python -m benchmarks.missing_physics score
 
 Goes on where it stopped; run it with seeds that nobody has looked at, and once for each version of `diagnose`. MuJoCo
-and Drake: `pip install -e '.[worlds]'`. `cameras` and `*-cameras` type the commands of a user and take a quarter of an hour a
-set, the others follow points and take a few minutes. `disect-cameras` needs a clone of DiSECt, see `cuts.py`.
+and Drake: `pip install -e '.[worlds]'`. `cameras` and `*-cameras` type the commands of a user and take a quarter of an
+hour a set, the others follow points and take a few minutes. `disect-cameras` needs a clone of DiSECt, see `cuts.py`.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ import functools
 import importlib
 import importlib.util
 import io
+import json
 import multiprocessing
 import sys
 import tempfile
@@ -284,7 +285,7 @@ def main(words: Sequence[str] | None = None) -> None:
     asked = parser.parse_args(words)
     world = hide(world_of(asked.object), asked.hide)
     load(asked.simulator)  # compiles once, before there are several
-    todo = [k for k in range(asked.episodes) if not (asked.out / f"{_name(world, k)}.json").is_file()]
+    todo = [k for k in range(asked.episodes) if not _there(asked.out, world, asked.seed, k)]
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(asked.jobs, mp_context=spawn, max_tasks_per_child=1) as pool:
         for path in pool.map(functools.partial(_written, asked.simulator, asked.out, world, asked.seed), todo):
@@ -293,6 +294,29 @@ def main(words: Sequence[str] | None = None) -> None:
 
 def _name(world: World, number: int) -> str:
     return f"{world.name.replace('-', '_')}_{number:03d}"
+
+
+def _there(out: Path, world: World, seed: int, number: int) -> bool:
+    """Tell whether an episode is finished.
+
+    Raises:
+        PlopError: It is another one: with another motion, or with something else hidden.
+    """
+    path = out / f"{_name(world, number)}.json"
+    if not path.is_file():
+        return False
+    found = json.loads(path.read_text())["facts"]
+    wanted = {"world": asdict(world), "motion": asdict(drawn(seed, number))}
+    other = [f"{key} {v}" for part, facts in wanted.items() for key, v in facts.items() if found[part].get(key) != v]
+    if other:
+        raise PlopError(
+            "The folder holds an episode of another set.",
+            where=path,
+            expected=", ".join(other),
+            found="other numbers",
+            fix="Take one folder for each set: another --out.",
+        )
+    return True
 
 
 def _written(simulator: Path, out: Path, world: World, seed: int, number: int) -> Path:

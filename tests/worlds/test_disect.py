@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from types import SimpleNamespace
 
 import numpy as np
@@ -103,6 +105,18 @@ def test_unknown_objects_and_folders_are_refused(tmp_path):
     with pytest.raises(PlopError) as error:
         disect.main(["--simulator", str(tmp_path), "--out", str(tmp_path / "raw")])
     assert "git clone" in str(error.value) and not (tmp_path / "raw").exists()
+
+
+def test_a_finished_episode_is_not_made_again_and_another_one_is_refused(tmp_path):
+    world = world_of("prism-jelly")
+    assert not disect._there(tmp_path, world, 3, 0)
+    facts = {"world": asdict(world), "motion": asdict(drawn(3, 0))}
+    (tmp_path / "prism_jelly_000.json").write_text(json.dumps({"facts": facts}))
+    assert disect._there(tmp_path, world, 3, 0)
+    for other, seed, said in ((hide(world, ["density=2"]), 3, "density_kg_m3 2300"), (world, 4, "x_m")):
+        with pytest.raises(PlopError) as error:
+            disect._there(tmp_path, other, seed, 0)
+        assert said in str(error.value)
 
 
 def test_vertices_are_followed_by_nodes_of_their_own_side():
