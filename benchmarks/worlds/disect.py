@@ -275,4 +275,7 @@ def _written(simulator: Path, out: Path, world: World, seed: int, number: int) -
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except PlopError as error:
+        sys.exit(f"error: {error}")
