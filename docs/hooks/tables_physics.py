@@ -7,7 +7,7 @@ from typing import Any
 from markdown_parts import rows
 from result_files import Table, percent, rate, read
 
-FILES = tuple(f"missing_physics_{version}" for version in (70, "70_twelve", 69, 68, 67, 66, "0.2.0"))
+FILES = tuple(f"missing_physics_{version}" for version in (73, "73_patterns", 70, "70_twelve", 69, 68, 67, 66, "0.2.0"))
 """By the version that verdicts now follow, then older ones; the last judged most sets."""
 BENCH = FILES[-1]
 NAMES = {
@@ -36,8 +36,8 @@ def _rates() -> str:
     """One column for all sets of each file, and one for those of the largest judged without a reference."""
     every, largest = [read(name) for name in FILES], read(BENCH)
     columns = {
-        **{_judges(each): each["rates"] for each in every},
-        f"without reference, {_judges(largest)}": largest["by_scenario"]["no reference"],
+        **{_judges(name, each): each["rates"] for name, each in zip(FILES, every, strict=True)},
+        f"without reference, {_judges(BENCH, largest)}": largest["by_scenario"]["no reference"],
     }
     lines = [
         [what, every[0]["goals"].get(key, ""), *(_shown(c[key]) if key in c else "" for c in columns.values())]
@@ -49,8 +49,9 @@ def _rates() -> str:
     return rows(["what", "goal", *columns], lines)
 
 
-def _judges(found: dict[str, Any]) -> str:
+def _judges(name: str, found: dict[str, Any]) -> str:
     how = "cameras, " if all(run["world"].endswith("cameras") for run in found["runs"]) else ""
+    how += "a pattern for each set, " if name.endswith("patterns") else ""
     how += "twelve episodes a set, " if found.get("episodes") == [12] else ""
     return f"{how}by {' and '.join(map(str, found['judged_by']))}"
 
