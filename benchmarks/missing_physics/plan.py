@@ -37,8 +37,9 @@ class Set(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of its row."""
-        return f"{self.world}-{self.seed}-{self.group}-{self.law or 'none'}-{int(self.repeated)}"
+        """Of its row and of its artifacts."""
+        law = self.law.replace("=", "-") or "none"
+        return f"{self.world}-{self.seed}-{self.group}-{law}-{int(self.repeated)}"
 
     @property
     def first(self) -> int:

@@ -19,6 +19,7 @@ from benchmarks.missing_physics.points import Points
 from benchmarks.missing_physics.rates import rates_of
 from benchmarks.workspace import Typed
 from benchmarks.worlds.knife_cuts import drawn
+from plop.artifacts.names import check_name
 from plop.errors import SignalTooWeakError
 from plop.physics.effects.library import effect_type
 from plop.recordings.readers.mesh.sequence import MeshSequence
@@ -133,6 +134,8 @@ def test_cuts_are_recorded_once_with_what_is_hidden_in_the_world_s_own_numbers(t
 def test_a_plan_is_the_same_every_time_and_has_all_groups():
     sets = list(plan(7500, 4, ["own", "mujoco", CAMERAS]))
     assert sets == list(plan(7500, 4, ["own", "mujoco", CAMERAS])) and len({s.name for s in sets}) == len(sets)
+    for one in sets:
+        check_name(one.name)  # of its artifacts
     assert {s.group for s in sets if s.world == CAMERAS} == {"null", "single", "outside", "pair", "sensor"}
     assert {s.law for s in sets if s.group == "sensor"} == {*FAULTS, *TOOL_FAULTS}
     assert not [s for s in sets if s.world == "mujoco" and s.group == "sensor"], "points have no cameras"
