@@ -10,6 +10,8 @@ from result_files import Table, percent, rate, read
 FILES = tuple(f"missing_physics_{version}" for version in (73, "73_patterns", 70, "70_twelve", 69, 68, 67, 66, "0.2.0"))
 """By the version that verdicts now follow, then older ones; the last judged most sets."""
 BENCH = FILES[-1]
+SHAPED = tuple(f"missing_physics_{version}" for version in (68, 67, 66))
+"""Shaped later versions: listed with all sets, without a column of rates."""
 NAMES = {
     "null_false_alarm": "nothing hidden: an alarm",
     "dealt_false_alarm": "the same, episodes dealt out in other ways",
@@ -33,10 +35,11 @@ METHODS = {"bic": "forward selection by BIC", "sparse": "sparse regression", "co
 
 
 def _rates() -> str:
-    """One column for all sets of each file, and one for those of the largest judged without a reference."""
-    every, largest = [read(name) for name in FILES], read(BENCH)
+    """One column for the sets of each file, and one for those of the largest judged without a reference."""
+    names = [name for name in FILES if name not in SHAPED]
+    every, largest = [read(name) for name in names], read(BENCH)
     columns = {
-        **{_judges(name, each): each["rates"] for name, each in zip(FILES, every, strict=True)},
+        **{_judges(name, each): each["rates"] for name, each in zip(names, every, strict=True)},
         f"without reference, {_judges(BENCH, largest)}": largest["by_scenario"]["no reference"],
     }
     lines = [
