@@ -1,6 +1,6 @@
 """Cuts by DiSECt with something hidden: a knife goes through an object of jelly and pushes one part aside.
 
-The environment variable PLOP_DISECT names the folder of the simulator, see `benchmarks.worlds.disect`.
+The environment variable PLOP_DISECT names the folder of the simulator (DiSECt without), see `benchmarks.worlds.disect`.
 """
 
 from __future__ import annotations
@@ -54,4 +54,4 @@ class Cuts(Foreign):
 
 @functools.lru_cache(64)
 def _recorded(world: World, motion: Motion) -> MeshSequence:
-    return record(Path(os.environ["PLOP_DISECT"]), world, motion)
+    return record(Path(os.environ.get("PLOP_DISECT", "DiSECt")), world, motion)

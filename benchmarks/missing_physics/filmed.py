@@ -83,19 +83,17 @@ class Meshes:
 
     def hidden(self) -> bool:
         """See `Filmed`; a signal that is too weak for the goals is one all the same."""
-        one, numbers = self.one, range(self.one.first, self.one.first + self._points.episodes)
-        if one.group == "sensor":
-            self._film(one.name, numbers, {}, "--fault", one.law)
-        elif not self._answer.is_file():
-            hidden, truth, _, snr = self._points.hidden(self._maker, one)
-            self._film(one.name, numbers, hidden)
+        one, sensor = self.one, self.one.group == "sensor"
+        if not self._answer.is_file():
+            nothing = dict[str, Values](), dict[str, Values](), [], 0.0
+            hidden, truth, _, snr = nothing if sensor else self._points.hidden(self._maker, one)
+            numbers = range(one.first, one.first + self._points.episodes)
+            self._film(one.name, numbers, hidden, *(("--fault", one.law) if sensor else ()))
             write_json(self._answer, {"effects": truth, "snr": snr})
         return True
 
     def answer(self) -> dict[str, Any]:
         """See `Filmed`."""
-        if self.one.group == "sensor":
-            return {"effects": {}, "snr": 0.0}
         return dict(json.loads(self._answer.read_text()))
 
     @property
